@@ -8,15 +8,15 @@ import sys
 from experiments.datasets import (eth3d_slam, hardest_settings, kitti360,
                                   kitti_odometry, simulated_drives)
 from experiments.studies import (bench, drive_bounds, front_end, growth,
-                                 hard_drives, inconsistent_input, oracle_table,
-                                 robustness, sub_maps, worlds)
+                                 hard_drives, inconsistent_input, lenses,
+                                 oracle_table, robustness, sub_maps, worlds)
 from experiments.use_cases import study
 
 # Each has add_parser(subparsers).
 COMMANDS = (kitti_odometry, kitti360, eth3d_slam, simulated_drives,
             hardest_settings, hard_drives, drive_bounds, oracle_table,
             robustness, growth, sub_maps, bench, front_end, inconsistent_input,
-            worlds, study)
+            worlds, lenses, study)
 DESCRIPTION = """\
 Runs mgsfm and other methods on data sets, and writes tables and figures. Call
 it from the root of the repository, after scripts/build.sh release. Figures need

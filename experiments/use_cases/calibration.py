@@ -66,7 +66,7 @@ def kitti_focal_lengths(bench, kitti):
     bench.map("kitti_focal_without", wrong, *NOT_CALIBRATED)
     bench.map("kitti_focal_with", wrong)
     report = bench.report("kitti_focal_with")
-    sigma = report["models"][0]["focal_lengths"][0]["relative_sigma"]
+    sigma = report["models"][0]["lenses"][0]["relative_sigma"]
     return [("focal lengths 20 % wrong, not trusted, KITTI 06", WORST_FOCAL,
              *[worst_focal(bench.output / name / "0", KITTI_FOCAL_LENGTHS_PX)
                for name in ("kitti_focal_without", "kitti_focal_with")]),

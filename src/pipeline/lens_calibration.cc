@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -36,11 +37,16 @@ constexpr double kMinSignificance = 3.9;
 // rigs, the next round changes a lens by 3 to 15 % of that: less than the
 // maximum error of a match.
 constexpr double kMaxChange = 3.0;
+// The bound of the rounds. It is smaller because one more round costs less than
+// one more map of all frames.
+constexpr double kMaxChangeOfRound = 1.5;
 // Lenses need only be accurate to the tolerance of the view graph.
 constexpr int kNumBundleRounds = 2;
 constexpr double kFunctionTolerance = 1e-4;
-// Frames of the first round: what a drive sees during a turn.
-constexpr size_t kMinNumFrames = 24;
+// Frames of the first round. Each round has twice as many, up to what a drive
+// sees during a turn, and beyond that if they do not determine the lenses.
+constexpr size_t kMinNumFrames = 12;
+constexpr size_t kNumFramesOfTurn = 24;
 
 const CameraModelInfo& InfoOf(const Camera& camera) {
   return *FindCameraModel(static_cast<int32_t>(camera.model));
@@ -114,6 +120,11 @@ bool MaySelectModel(const Camera& camera, const MapperOptions& options) {
          camera.model == CameraModelId::kSimpleRadial;
 }
 
+LensSource SourceOfStart(const Camera& given, const Camera& start) {
+  if (given.params != start.params) return LensSource::kPairs;
+  return HasLensOfExif(given) ? LensSource::kExif : LensSource::kGuess;
+}
+
 Lenses FirstLenses(const LensInput& input, const MapperOptions& options,
                    LensSummary* summary) {
   const std::vector<Camera>& start = input.start;
@@ -129,7 +140,8 @@ Lenses FirstLenses(const LensInput& input, const MapperOptions& options,
       lenses.cameras[i] = WithModel(start[i], CameraModelId::kRadial);
     }
     SetPrior(idx, start[i], options.bundle_adjustment, &lenses);
-    summary->lenses.push_back({idx, lenses.cameras[i].model, ""});
+    summary->lenses.push_back({idx, lenses.cameras[i].model, "",
+                               SourceOfStart(input.given[i], start[i])});
   }
   return lenses;
 }
@@ -166,23 +178,32 @@ Mask SelectFrames(const Scene& scene, const ViewGraph& matches, size_t size) {
   return is_selected;
 }
 
+// The pairs within the frames. Verification starts at the poses of the model,
+// if it has them.
 ViewGraph PairsWithin(const Scene& scene, const ViewGraph& matches,
-                      const Mask& has_frame) {
+                      const Mask& has_frame,
+                      const std::optional<Reconstruction>& model) {
   ViewGraph within;
   for (const ImagePair& pair : matches.pairs) {
-    if (has_frame[scene.images[pair.image_idx1].frame_idx] &&
-        has_frame[scene.images[pair.image_idx2].frame_idx]) {
-      within.pairs.push_back(pair);
+    if (!has_frame[scene.images[pair.image_idx1].frame_idx] ||
+        !has_frame[scene.images[pair.image_idx2].frame_idx]) {
+      continue;
     }
+    within.pairs.push_back(pair);
+    if (!model) continue;
+    const auto pose1 = model->CamFromWorld(scene, pair.image_idx1);
+    const auto pose2 = model->CamFromWorld(scene, pair.image_idx2);
+    if (!pose1 || !pose2) continue;
+    const Rigid3 relative = *pose2 * pose1->Inverse();
+    if (!(relative.translation.norm() > 0.0)) continue;
+    within.pairs.back().relative_pose = {relative.rotation,
+                                         relative.translation.normalized()};
   }
   return within;
 }
 
 MapperOptions OptionsOfRounds(MapperOptions options) {
-  options.compute_covariances = false;
-  options.metric_scale = std::string();
-  options.weak_seams = WeakSeams::kKeep;
-  options.soft_rig.method = SoftRig::kNone;
+  options.is_for_lenses = true;
   options.pair_filtering.use_motion_continuity = false;
   options.bundle_adjustment.num_rounds =
       std::min<int>(options.bundle_adjustment.num_rounds, kNumBundleRounds);
@@ -203,19 +224,18 @@ bool IsPlausible(const Camera& camera, const BundleAdjustmentOptions& options) {
   return true;
 }
 
-double MaxChangePx(const MapperOptions& options) {
-  return kMaxChange * options.view_graph.max_error_px;
-}
-
-// Adopts the plausible lenses of a model. Returns the largest change.
+// Adopts the plausible lenses of a model. Returns the largest change of those
+// whose focal length has at most this relative standard deviation.
 double Adopt(const MapperModel& model, const BundleAdjustmentOptions& options,
-             std::vector<Camera>* cameras) {
+             double max_sigma, std::vector<Camera>* cameras) {
   double largest_px = 0.0;
   for (const FocalLengthCheck& check : model.focal_lengths) {
     Camera& camera = (*cameras)[check.camera_idx];
     const Camera& refined = model.reconstruction.cameras[check.camera_idx];
     if (!IsPlausible(refined, options)) continue;
-    largest_px = std::max(largest_px, LensChangePx(camera, refined));
+    if (check.relative_sigma.value_or(max_sigma) <= max_sigma) {
+      largest_px = std::max(largest_px, LensChangePx(camera, refined));
+    }
     camera.params = refined.params;
   }
   return largest_px;
@@ -334,8 +354,10 @@ void DoubtFocalLengths(const Scene& scene,
       if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
         continue;
       }
-      check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
-                                      estimate.sigma.value_or(0.0));
+      const double of_pairs = estimate.sigma.value_or(kSigmaOfFocalLengthGuess);
+      check.relative_sigma =
+          std::max(check.relative_sigma.value_or(0.0),
+                   std::min(of_pairs, kSigmaOfFocalLengthGuess));
       if (!check.message.empty()) continue;
       char estimated[40];
       std::snprintf(estimated, sizeof(estimated), "%.0f px",
@@ -386,24 +408,28 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
   std::optional<Reconstruction> model;
   size_t num_frames = kMinNumFrames;
   for (int i = 0; i < options.focal_lengths.max_num_rounds; ++i) {
-    const ViewGraph pairs = PairsWithin(
-        scene, input.matches, SelectFrames(scene, input.matches, num_frames));
+    const ViewGraph pairs =
+        PairsWithin(scene, input.matches,
+                    SelectFrames(scene, input.matches, num_frames), model);
     const MapperResult mapped =
         map(result.lenses, pairs, of_rounds, Quiet(context));
     if (mapped.models.empty()) break;
     model = mapped.models[0].reconstruction;
-    const double change_px = Adopt(mapped.models[0], options.bundle_adjustment,
-                                   &result.lenses.cameras);
+    const double change_px =
+        Adopt(mapped.models[0], options.bundle_adjustment,
+              std::numeric_limits<double>::infinity(), &result.lenses.cameras);
     ++summary.num_rounds;
     LogRound(summary, std::min(num_frames, scene.frames.size()), change_px,
              context);
     const bool is_determined =
         DeterminesAll(summary, mapped.models[0], options.bundle_adjustment);
-    if (!is_determined && num_frames < scene.frames.size()) {
-      num_frames *= 2;
-    } else if (change_px <= MaxChangePx(options)) {
+    const bool needs_frames =
+        !is_determined && num_frames < scene.frames.size();
+    if (!needs_frames &&
+        change_px <= kMaxChangeOfRound * options.view_graph.max_error_px) {
       break;
     }
+    if (needs_frames || num_frames < kNumFramesOfTurn) num_frames *= 2;
   }
   if (model) {
     SelectModels(input, *model, options, Quiet(context), &result);
@@ -419,8 +445,9 @@ MapperResult MapWithLenses(const ViewGraph& matches, const LensMapper& map,
   std::vector<Camera> cameras = lenses->lenses.cameras;
   if (mapped.models.empty()) return mapped;
   const double change_px =
-      Adopt(mapped.models[0], options.bundle_adjustment, &cameras);
-  if (change_px <= MaxChangePx(options)) return mapped;
+      Adopt(mapped.models[0], options.bundle_adjustment,
+            options.bundle_adjustment.max_focal_length_sigma, &cameras);
+  if (change_px <= kMaxChange * options.view_graph.max_error_px) return mapped;
   lenses->lenses.cameras = std::move(cameras);
   ++lenses->summary.num_rounds;
   context.Info("the lenses changed; the scene is mapped again with them");

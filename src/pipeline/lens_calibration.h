@@ -59,9 +59,10 @@ struct LensResult {
 // contradict it. So the stages from the view graph to bundle adjustment are
 // repeated with the refined lenses, on few frames that share many matches,
 // until no lens changes by more than the view graph tolerates (LensChangePx()
-// <= 3 ViewGraph.max_error_px), at most FocalLengths.max_num_rounds times. If
-// the frames do not determine all focal lengths to
-// BundleAdjustment.max_focal_length_sigma, the next round has twice as many.
+// <= 1.5 ViewGraph.max_error_px), at most FocalLengths.max_num_rounds times.
+// They are 12 in the first round and then 24. If they do not determine all
+// focal lengths to BundleAdjustment.max_focal_length_sigma, the next round has
+// twice as many.
 //
 // Unless its model was chosen, a camera has RADIAL, and its principal point is
 // unknown. All unknowns have normal priors, so that those that the images do
@@ -74,8 +75,8 @@ struct LensResult {
                                          const MapperOptions& options,
                                          const Context& context);
 
-// Maps all pairs with the lenses, and again if the model changes them by more
-// than the view graph tolerates.
+// Maps all pairs with the lenses, and again if the model changes those that it
+// determines by more than 3 ViewGraph.max_error_px.
 [[nodiscard]] MapperResult MapWithLenses(const ViewGraph& matches,
                                          const LensMapper& map,
                                          const MapperOptions& options,

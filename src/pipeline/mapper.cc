@@ -193,6 +193,7 @@ std::vector<MapperModel> ReconstructComponent(
   input.calibration = &measurements.calibration;
   if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
+  if (options.is_for_lenses) return {std::move(model)};
   const auto confidence_of = [&](const Mask& used,
                                  const MapperModel& adjusted) {
     const ComparedMotions motions =

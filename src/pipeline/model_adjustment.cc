@@ -279,6 +279,7 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
     LogPriors(*model->position_priors, context);
   }
   JudgeFocalLengths(input, used_priors, options, context, model);
+  if (options.is_for_lenses) return;
   PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
   model->delays = Timed("delays of cameras", context, &model->times, [&] {

@@ -178,12 +178,14 @@ Json ToJson(const Scene& scene, const GravitySummary& summary) {
   return json;
 }
 
-Json ToJson(const Scene& scene, const FocalLengthCheck& check) {
-  return {{"camera_id", scene.cameras[check.camera_idx].id.value()},
-          {"prior_px", check.prior_px},
-          {"estimated_px", check.estimated_px},
-          {"relative_sigma", ToJson(check.relative_sigma)},
-          {"message", check.message}};
+Json ToJson(const Scene& scene, const LensValue& lens) {
+  return {{"camera_id", scene.cameras[lens.camera_idx].id.value()},
+          {"model", FindCameraModel(static_cast<int32_t>(lens.model))->name},
+          {"prior_px", lens.prior_px},
+          {"focal_length_px", lens.focal_length_px},
+          {"relative_sigma", ToJson(lens.relative_sigma)},
+          {"source", EnumName(lens.source)},
+          {"message", lens.message}};
 }
 
 Json ToJson(const RotationSummary& summary) {
@@ -514,11 +516,9 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
     json["position_priors"] = ToJson(scene, *model.position_priors);
   }
   if (model.gravity) json["gravity"] = ToJson(scene, *model.gravity);
-  if (!model.focal_lengths.empty()) {
-    json["focal_lengths"] = Json::array();
-    for (const FocalLengthCheck& check : model.focal_lengths) {
-      json["focal_lengths"].push_back(ToJson(scene, check));
-    }
+  json["lenses"] = Json::array();
+  for (const LensValue& lens : summary.lenses) {
+    json["lenses"].push_back(ToJson(scene, lens));
   }
   if (model.delays) json["delays"] = ToJson(scene, *model.delays);
   if (model.covariances) {

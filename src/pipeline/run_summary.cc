@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "base/format.h"
 #include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
 #include "scene/observations.h"
 
 namespace mgsfm {
@@ -15,6 +17,7 @@ namespace {
 // Reasons and models beyond these are in the report only.
 constexpr size_t kMaxNumReasons = 2;
 constexpr size_t kMaxNumModels = 3;
+constexpr size_t kMaxNumLenses = 6;
 
 std::string Count(size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
@@ -43,6 +46,56 @@ std::string UnitOfLength(const MapperResult& result, const MapperModel& model) {
 
 bool IsCalibrated(const Scene& scene, const Reconstruction& model, size_t k) {
   return !scene.sensors[k].sensor_from_rig && model.sensor_from_rig[k];
+}
+
+LensValue LensOf(const Scene& scene, const MapperResult& result,
+                 const MapperModel& model, int camera_idx) {
+  const Camera& before = scene.cameras[camera_idx];
+  const Camera& camera = model.reconstruction.cameras[camera_idx];
+  const auto focal_length = [](const Camera& c) {
+    const auto& idxs =
+        FindCameraModel(static_cast<int32_t>(c.model))->focal_length_idxs;
+    return idxs.empty() ? 0.0 : c.params[idxs.front()];
+  };
+  LensValue lens;
+  lens.camera_idx = camera_idx;
+  lens.label = CameraLabel(scene, camera_idx);
+  lens.model = camera.model;
+  lens.prior_px = focal_length(before);
+  lens.focal_length_px = focal_length(camera);
+  if (!before.has_prior_focal_length) {
+    lens.source = LensSource::kGuess;
+    lens.message = "it was guessed and is not refined";
+  }
+  if (result.lenses) {
+    for (const LensChoice& choice : result.lenses->lenses) {
+      if (choice.camera_idx == camera_idx) lens.source = choice.start;
+    }
+  }
+  for (const FocalLengthCheck& check : model.focal_lengths) {
+    if (check.camera_idx != camera_idx) continue;
+    lens.relative_sigma = check.relative_sigma;
+    lens.message = check.message;
+    if (check.message.empty()) lens.source = LensSource::kAdjustment;
+  }
+  return lens;
+}
+
+std::vector<LensValue> LensesOf(const Scene& scene, const MapperResult& result,
+                                const MapperModel& model) {
+  Mask is_used(scene.cameras.size(), false);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    if (model.reconstruction.IsRegistered(scene, static_cast<int>(i))) {
+      is_used[scene.images[i].camera_idx] = true;
+    }
+  }
+  std::vector<LensValue> lenses;
+  for (size_t i = 0; i < is_used.size(); ++i) {
+    if (is_used[i]) {
+      lenses.push_back(LensOf(scene, result, model, static_cast<int>(i)));
+    }
+  }
+  return lenses;
 }
 
 std::vector<SensorAccuracy> Accuracies(const Scene& scene,
@@ -99,8 +152,40 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
     summary.kept_share = model.kept_matches.total.Share();
   }
   summary.unit_of_length = UnitOfLength(result, model);
+  summary.lenses = LensesOf(scene, result, model);
   summary.accuracies = Accuracies(scene, model);
   return summary;
+}
+
+// Lenses that were estimated; empty without.
+std::string DescribeLenses(const ModelSummary& model) {
+  std::vector<LensValue> lenses;
+  for (const LensValue& lens : model.lenses) {
+    if (lens.source != LensSource::kGiven) lenses.push_back(lens);
+  }
+  if (lenses.empty()) return "";
+  const auto first_known = std::stable_partition(
+      lenses.begin(), lenses.end(),
+      [](const LensValue& lens) { return lens.IsGuess(); });
+  const auto num_guesses = static_cast<size_t>(first_known - lenses.begin());
+  std::string line =
+      num_guesses == 0
+          ? "lenses: estimated"
+          : "lenses: " +
+                Count(num_guesses, "focal length is", "focal lengths are") +
+                " a guess that the images do not determine";
+  for (size_t i = 0; i < std::min(lenses.size(), kMaxNumLenses); ++i) {
+    const LensValue& lens = lenses[i];
+    line += (i == 0 ? ": " : ", ") + lens.label + " " +
+            Formatted("%.1f px", lens.focal_length_px);
+    if (lens.relative_sigma) {
+      line += Formatted(" +- %.2g %%", 100.0 * *lens.relative_sigma);
+    }
+    if (lens.IsGuess()) {
+      line += " (start: " + std::string(EnumName(lens.source)) + ")";
+    }
+  }
+  return line + (lenses.size() > kMaxNumLenses ? ", ..." : "");
 }
 
 std::string DescribeRig(const ModelSummary& model) {
@@ -181,8 +266,8 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
               " of the images have no points and follow from their rig";
     }
     lines.push_back(line);
-    if (const std::string rig = DescribeRig(model); !rig.empty()) {
-      lines.push_back(rig);
+    for (std::string text : {DescribeLenses(model), DescribeRig(model)}) {
+      if (!text.empty()) lines.push_back(std::move(text));
     }
     lines.push_back("unit of length: " + model.unit_of_length);
   }

@@ -22,6 +22,22 @@ struct SensorAccuracy {
   double sigma_translation = 0.0;
 };
 
+// The lens of a camera of a model. Its focal length is the first of two.
+struct LensValue {
+  int camera_idx = 0;
+  std::string label;
+  CameraModelId model = CameraModelId::kSimpleRadial;
+  double prior_px = 0.0;  // of the input
+  double focal_length_px = 0.0;
+  std::optional<double> relative_sigma;  // if it was estimated
+  LensSource source = LensSource::kGiven;
+  std::string message;  // why the images do not determine it; empty if they do
+
+  bool IsGuess() const {
+    return source != LensSource::kGiven && source != LensSource::kAdjustment;
+  }
+};
+
 struct ModelSummary {
   int num_frames = 0;
   int num_images = 0;
@@ -33,6 +49,7 @@ struct ModelSummary {
   std::optional<double> kept_share;  // of the verified matches, if counted
   std::string unit_of_length;        // in words
   int num_calibrated_sensors = 0;    // other than reference and known ones
+  std::vector<LensValue> lenses;     // of the cameras with registered images
   // The calibrated sensor with the fewest observations, on which its pose
   // rests.
   std::string weakest_sensor;
@@ -55,7 +72,7 @@ size_t NumRegisteredImages(const Scene& scene, const MapperResult& result);
 RunSummary SummarizeRun(const Scene& scene, const MapperResult& result);
 
 // One line per fact: images, missing frames, and for each model its size,
-// error, rig, and unit of length.
+// error, lenses, rig, and unit of length.
 std::vector<std::string> DescribeRun(const RunSummary& summary);
 
 }  // namespace mgsfm

@@ -236,6 +236,22 @@ std::string ReportSummary(const PageModel& model) {
 
 // ------------------------------------------------------------------- tables
 
+// The focal length of a camera and where it is from, by the report.
+std::string FocalLengthCell(const PageModel& model, const Camera& camera) {
+  for (const Json& lens : GetArray(model.model_report, "lenses")) {
+    if (GetNumber(lens, "camera_id") != camera.id.value()) continue;
+    const auto value = GetNumber(lens, "focal_length_px");
+    const auto sigma = GetNumber(lens, "relative_sigma");
+    const std::string message = GetText(lens, "message");
+    if (!value) continue;
+    return Number(*value, 5) +
+           (sigma ? " &plusmn; " + Number(100.0 * *sigma, 2) + " %" : "") +
+           ", " + Text(GetText(lens, "source")) +
+           (message.empty() ? "" : "; not determined: " + Text(message));
+  }
+  return "";
+}
+
 std::string SensorTable(const PageModel& model) {
   const Scene& scene = model.input.scene;
   std::vector<Row> rows;
@@ -256,10 +272,10 @@ std::string SensorTable(const PageModel& model) {
          std::string(info ? info->name : "?") + " " +
              Count(static_cast<size_t>(camera.width_px)) + "&times;" +
              Count(static_cast<size_t>(camera.height_px)),
-         params});
+         params, FocalLengthCell(model, camera)});
   }
   return Table({"camera", "images registered", "observations",
-                "mean error [px]", "model", "parameters"},
+                "mean error [px]", "model", "parameters", "focal length [px]"},
                rows);
 }
 

@@ -49,10 +49,6 @@ constexpr double kMaxRelativeLogFactor = 1.2;
 // The relative error that all pairs of a camera share: the root mean square
 // error of pairs of recorded rigs whose motion determines focal lengths.
 constexpr double kSharedSigma = 0.02;
-// The standard deviation of the logarithm of a guess: lenses of 30 to 120
-// degrees are equally usual. A more certain estimate is a better start, though
-// it is not accepted.
-constexpr double kSigmaOfGuess = 0.4;
 // Poses start at those of the previous focal lengths. Steps of 0.2 cross the
 // whole range in ten iterations; five halvings leave 3 % of a step.
 constexpr int kNumPoseIterations = 5;
@@ -60,8 +56,9 @@ constexpr int kMaxNumIterations = 20;
 constexpr int kMaxNumHalvings = 5;
 // Largest step of a log factor: the derivatives hold for about 20 %.
 constexpr double kMaxStep = 0.2;
-// A relative change of 1e-5 is 0.01 px at a focal length of 1000 px.
-constexpr double kMinStep = 1e-5;
+// Small against the standard deviations that pairs can have; the result is only
+// the start of maps.
+constexpr double kMinStep = 1e-3;
 // A check of a focal length need not be accurate.
 constexpr double kMinStepOfMeasurement = 3e-2;
 // A pair is wrong if its median error exceeds that of most pairs by this
@@ -512,7 +509,9 @@ FocalLengthResult MakeResult(const Scene& scene,
     std::optional<double> sigma;
     if (num_pairs[c] > 0) {
       sigma = std::sqrt(variances[i]);
-      estimate.sigma = std::hypot(*sigma, kSharedSigma);
+      if (!IsDiverged(s[kLensSize * i])) {
+        estimate.sigma = std::hypot(*sigma, kSharedSigma);
+      }
     }
     LensOffset lens = ValueOf(s, static_cast<int>(c));
     lens.tail<2>().setZero();  // bundle adjustment estimates it better
@@ -520,8 +519,8 @@ FocalLengthResult MakeResult(const Scene& scene,
     const bool is_accepted = estimate.message.empty();
     if (is_accepted) {
       estimate.estimated_px = std::exp(lens[0]) * estimate.prior_px;
-    } else if (num_pairs[c] < kMinNumPairs || IsDiverged(lens[0]) ||
-               !(*estimate.sigma < kSigmaOfGuess)) {
+    } else if (num_pairs[c] < kMinNumPairs ||
+               !(estimate.sigma.value_or(1.0) < kSigmaOfFocalLengthGuess)) {
       continue;
     }
     result.cameras[camera_idx] = InModelOf(

@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -38,18 +39,37 @@ constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kFocalLossScalePx};
 
 // First-order (Sampson) distance in pixels. Matches without rays and those at
 // both epipoles, which constrain nothing, have residual 0.
-double PixelDistance(const Matrix3d& E, const std::optional<RayPatch>& a,
-                     const std::optional<RayPatch>& b) {
-  // At a focal length of 1000 px, such a match is within 1e-9 rad of both
-  // epipoles.
-  constexpr double kMinVariance = 1e-24;
-  if (!a || !b) return 0.0;
-  const Vector3d line2 = E * a->ray;
-  const Vector3d line1 = E.transpose() * b->ray;
-  const double variance = (b->by_pixel.transpose() * line2).squaredNorm() +
-                          (a->by_pixel.transpose() * line1).squaredNorm();
-  return variance > kMinVariance ? b->ray.dot(line2) / std::sqrt(variance)
-                                 : 0.0;
+struct PixelDistance {
+  double value = 0.0;
+  double variance = 0.0;  // zero if the match constrains nothing
+  Vector3d line1 = Vector3d::Zero(), line2 = Vector3d::Zero();
+
+  PixelDistance(const Matrix3d& E, const std::optional<RayPatch>& a,
+                const std::optional<RayPatch>& b) {
+    // At a focal length of 1000 px, such a match is within 1e-9 rad of both
+    // epipoles.
+    constexpr double kMinVariance = 1e-24;
+    if (!a || !b) return;
+    line2 = E * a->ray;
+    line1 = E.transpose() * b->ray;
+    const double squares = (b->by_pixel.transpose() * line2).squaredNorm() +
+                           (a->by_pixel.transpose() * line1).squaredNorm();
+    if (!(squares > kMinVariance)) return;
+    variance = squares;
+    value = b->ray.dot(line2) / std::sqrt(squares);
+  }
+};
+
+// The derivative by E, as a 3 x 3 matrix.
+Matrix3d ByEssential(const PixelDistance& r, const RayPatch& a,
+                     const RayPatch& b) {
+  const double relative = r.value / r.variance;
+  const Vector3d left =
+      b.ray / std::sqrt(r.variance) -
+      relative * (b.by_pixel * (b.by_pixel.transpose() * r.line2));
+  const Vector3d right =
+      relative * (a.by_pixel * (a.by_pixel.transpose() * r.line1));
+  return left * a.ray.transpose() - b.ray * right.transpose();
 }
 
 double CostOf(const std::vector<double>& residuals) {
@@ -116,6 +136,20 @@ FocalPair::Patches FocalPair::MakePatches(const Camera& camera,
   return patches;
 }
 
+FocalPair::Patches FocalPair::MoveRays(const Camera& camera,
+                                       const std::vector<Vector2d>& pixels,
+                                       double focal_factor, Patches patches) {
+  for (size_t i = 0; i < patches.size(); ++i) {
+    if (!patches[i]) continue;
+    const auto ray =
+        RayFromPixel(camera.model, camera.params.data(), pixels[i]);
+    if (!ray) continue;
+    patches[i]->ray = *ray;
+    patches[i]->by_pixel /= focal_factor;
+  }
+  return patches;
+}
+
 void FocalPair::SetRays(const LensOffset& lens1, const LensOffset& lens2) {
   lens1_ = lens1;
   lens2_ = lens2;
@@ -128,7 +162,7 @@ void FocalPair::AddResiduals(const Rigid3& pose, const Patches& patches1,
                              std::vector<double>* residuals) {
   const Matrix3d E = EssentialFromPose(pose);
   for (size_t i = 0; i < patches1.size(); ++i) {
-    residuals->push_back(PixelDistance(E, patches1[i], patches2[i]));
+    residuals->push_back(PixelDistance(E, patches1[i], patches2[i]).value);
   }
 }
 
@@ -187,38 +221,52 @@ bool FocalPair::Initialize(Random* random) {
   return pose.has_value();
 }
 
+Eigen::Matrix<double, Eigen::Dynamic, 5> FocalPair::PoseDerivatives() const {
+  const Matrix3d E = EssentialFromPose(pose_);
+  std::array<Matrix3d, 5> by_pose;
+  for (int k = 0; k < 5; ++k) {
+    const Rigid3 moved = PerturbRelativePose(
+        pose_, kPoseStep * Eigen::Matrix<double, 5, 1>::Unit(k));
+    by_pose[k] = (EssentialFromPose(moved) - E) / kPoseStep;
+  }
+  Eigen::Matrix<double, Eigen::Dynamic, 5> J;
+  J.setZero(static_cast<Eigen::Index>(patches1_.size()), 5);
+  for (Eigen::Index i = 0; i < J.rows(); ++i) {
+    const PixelDistance r(E, patches1_[i], patches2_[i]);
+    if (r.variance == 0.0) continue;
+    const Matrix3d by_E = ByEssential(r, *patches1_[i], *patches2_[i]);
+    for (int k = 0; k < 5; ++k) J(i, k) = by_E.cwiseProduct(by_pose[k]).sum();
+  }
+  return J;
+}
+
 FocalEquations FocalPair::Linearize(bool with_lenses) const {
   std::vector<double> r0;
   AddResiduals(pose_, patches1_, patches2_, &r0);
   const auto size = static_cast<Eigen::Index>(r0.size());
   Eigen::Matrix<double, Eigen::Dynamic, 13> J(size, 13);
   J.setZero();
-  const auto set_column = [&](int column, const Rigid3& pose,
-                              const Patches& patches1, const Patches& patches2,
-                              double step) {
+  const auto set_column = [&](int column, const Patches& patches1,
+                              const Patches& patches2) {
     std::vector<double> r;
-    AddResiduals(pose, patches1, patches2, &r);
+    AddResiduals(pose_, patches1, patches2, &r);
     J.col(column) = (Eigen::VectorXd::Map(r.data(), size) -
                      Eigen::VectorXd::Map(r0.data(), size)) /
-                    step;
+                    kLensStep;
   };
-  for (int i = 0; i < 5; ++i) {
-    set_column(i,
-               PerturbRelativePose(
-                   pose_, kPoseStep * Eigen::Matrix<double, 5, 1>::Unit(i)),
-               patches1_, patches2_, kPoseStep);
-  }
+  J.leftCols<5>() = PoseDerivatives();
   for (int k = 0; with_lenses && k < LensOffset::SizeAtCompileTime; ++k) {
     const LensOffset step = kLensStep * LensOffset::Unit(k);
-    const Patches moved1 =
-        MakePatches(WithLens(camera1(), lens1_ + step), pixels1_);
-    const Patches moved2 =
-        MakePatches(WithLens(camera2(), lens2_ + step), pixels2_);
+    const double factor = std::exp(step[0]);
+    const Patches moved1 = MoveRays(WithLens(camera1(), lens1_ + step),
+                                    pixels1_, factor, patches1_);
+    const Patches moved2 = MoveRays(WithLens(camera2(), lens2_ + step),
+                                    pixels2_, factor, patches2_);
     if (camera_idx1_ == camera_idx2_) {
-      set_column(5 + k, pose_, moved1, moved2, kLensStep);
+      set_column(5 + k, moved1, moved2);
     } else {
-      set_column(5 + k, pose_, moved1, patches2_, kLensStep);
-      set_column(9 + k, pose_, patches1_, moved2, kLensStep);
+      set_column(5 + k, moved1, patches2_);
+      set_column(9 + k, patches1_, moved2);
     }
   }
   FocalEquations equations;

@@ -76,8 +76,15 @@ class FocalPair {
   using Patches = std::vector<std::optional<RayPatch>>;
   static Patches MakePatches(const Camera& camera,
                              const std::vector<Eigen::Vector2d>& pixels);
+  // Patches after a small change of the lens. Only its focal lengths change the
+  // derivatives of rays noticeably: they are divided by the factor.
+  static Patches MoveRays(const Camera& camera,
+                          const std::vector<Eigen::Vector2d>& pixels,
+                          double focal_factor, Patches patches);
   const Camera& camera1() const { return (*cameras_)[camera_idx1_]; }
   const Camera& camera2() const { return (*cameras_)[camera_idx2_]; }
+  // Of the residuals of all matches by the pose.
+  Eigen::Matrix<double, Eigen::Dynamic, 5> PoseDerivatives() const;
   static void AddResiduals(const Rigid3& pose, const Patches& patches1,
                            const Patches& patches2,
                            std::vector<double>* residuals);

@@ -101,6 +101,9 @@ struct MapperOptions {
   ExtensionOptions extension;  // listed by commands that can have a start
   SoftRigOptions soft_rig;
   ConfidenceOptions confidence;
+  // Whether models are only made for the lenses of their cameras: without
+  // delays of cameras and without tests of seams. Not an option of commands.
+  bool is_for_lenses = false;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -163,11 +166,31 @@ struct UnregisteredFrame {
   std::string reason;
 };
 
+// Where the focal length of a camera is from.
+enum class LensSource {
+  kGiven,       // a calibration
+  kGuess,       // feature extraction, without knowledge
+  kExif,        // the file of an image
+  kPairs,       // the epipolar geometry of image pairs
+  kAdjustment,  // bundle adjustment, and its images determine it
+};
+
+template <>
+struct EnumTable<LensSource> {
+  static constexpr std::pair<std::string_view, LensSource> kNames[] = {
+      {"given", LensSource::kGiven},
+      {"guess", LensSource::kGuess},
+      {"EXIF", LensSource::kExif},
+      {"pairs", LensSource::kPairs},
+      {"adjustment", LensSource::kAdjustment}};
+};
+
 // The model of a lens without calibration.
 struct LensChoice {
   int camera_idx = 0;
   CameraModelId model = CameraModelId::kSimpleRadial;
-  std::string reason;  // empty if the model was given
+  std::string reason = {};  // empty if the model was given
+  LensSource start = LensSource::kGuess;
 };
 
 struct LensSummary {

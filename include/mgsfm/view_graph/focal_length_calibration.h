@@ -30,10 +30,13 @@ namespace mgsfm {
 // leave open makes focal lengths uncertain. Principal points are only nuisance
 // parameters: the result keeps them. Cameras with a prior are fixed.
 //
+// Derivatives of v by distortion and principal point are neglected; they bias
+// the estimate.
+//
 // Initialization: per camera the best of 15 factors from 0.4 to 2.5 and four
 // distortions, by pairs within the camera or with known cameras, with E refined
 // for each. Then Gauss-Newton in all unknowns with the E_k eliminated. It stops
-// if max |ds| < 1e-5, if five halvings of a step do not decrease the cost, or
+// if max |ds| < 1e-3, if five halvings of a step do not decrease the cost, or
 // after 20 steps. Pairs whose median residual exceeds three times that of the
 // median pair are dropped, and the minimisation is repeated.
 //
@@ -87,12 +90,17 @@ struct FocalLengthOptions {
   }
 };
 
+// The standard deviation of the logarithm of a guess: lenses of 30 to 120
+// degrees are equally usual. A more certain estimate is a better start, though
+// it is not accepted.
+constexpr double kSigmaOfFocalLengthGuess = 0.4;
+
 struct FocalLengthEstimate {
   int camera_idx = 0;
   double prior_px = 0.0;               // initial value
   std::optional<double> estimated_px;  // nullopt: not accepted
   // Relative standard deviation with errors that all pairs share; nullopt
-  // without pairs.
+  // without pairs, or if the estimate left the range.
   std::optional<double> sigma;
   int num_pairs = 0;
   std::string message;  // reason of a rejection
