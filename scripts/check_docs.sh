@@ -1,8 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Fails if docs/reference/options.md is stale, a relative link in a Markdown file
-# leads nowhere, code and documents name what does not exist, or the results
-# have grown beyond a short read. Needs the program in build/release.
+# leads nowhere, code and documents name what does not exist, or the results or
+# the architecture have grown beyond a short read. Needs the program in build/release.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -37,4 +37,32 @@ if [ "$(cat docs/results/*.md | wc -l)" -gt 800 ]; then
   echo 'docs/results has more than 800 lines' >&2
   exit 1
 fi
+# The table of modules: the same modules as check_layers.sh has, each with a
+# folder, and entries that their headers declare.
+page=docs/development/architecture.md
+modules() { sort -u | tr '\n' ' '; }
+in_page=$(grep -oE '^\| [a-z]+ \| `[a-z_]+`' "$page" | grep -oE '[a-z_]+`' | tr -d '`' | modules)
+in_layers=$(sed -n "/^table='/,/^'/p" scripts/check_layers.sh |
+  grep -oE '^[a-z_]+:' | tr -d : | modules)
+in_code=$(find src -name CMakeLists.txt -exec grep -lE 'mgsfm_add_module' {} + |
+  sed 's|/CMakeLists.txt||; s|.*/||' | modules)
+if [ "$in_page" != "$in_layers" ] || [ "$in_page" != "$in_code" ]; then
+  printf '%s\n' "modules of $page: $in_page" "of check_layers.sh: $in_layers" \
+    "of src: $in_code" >&2
+  exit 1
+fi
+grep -E '^\| [a-z]+ \| `[a-z_]+`' "$page" | while IFS='|' read -r _ _ module _ entry _; do
+  module=$(echo "$module" | tr -d ' \`')
+  entry=$(echo "$entry" | tr -d ' \`')
+  find src include -path "*/$module/*.h" -print0 |
+    xargs -0 grep -qE "(struct|class|enum class|using) $entry\b|\b$entry\(" || {
+    echo "$page: no header of $module declares $entry" >&2
+    exit 1
+  }
+done
+if [ "$(wc -l <"$page")" -gt 120 ]; then
+  echo "$page has more than 120 lines, two screens" >&2
+  exit 1
+fi
+
 echo "options, links and names are up to date"
