@@ -65,4 +65,19 @@ if [ "$(wc -l <"$page")" -gt 120 ]; then
   exit 1
 fi
 
+# Every file that names the version, and every folder of the repository.
+version=$(sed -nE 's/^project\(mgsfm VERSION ([0-9.]+).*/\1/p' CMakeLists.txt)
+for file in CITATION.cff vcpkg.json packaging/conda/meta.yaml CHANGELOG.md; do
+  grep -qE "(version|^##).* \"?${version//./\\.}\"?" "$file" || {
+    echo "$file does not name the version of CMakeLists.txt, $version" >&2
+    exit 1
+  }
+done
+git ls-files | grep -oE '^[^/]+/' | sort -u | while read -r folder; do
+  grep -q "\`$folder" CONTRIBUTING.md || {
+    echo "the map in CONTRIBUTING.md lacks $folder" >&2
+    exit 1
+  }
+done
+
 echo "options, links and names are up to date"
