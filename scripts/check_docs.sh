@@ -1,12 +1,15 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Fails if docs/reference/options.md is stale, a relative link in a Markdown file
-# leads nowhere, code and documents name what does not exist, or the results or
-# the architecture have grown beyond a short read. Needs the program in build/release.
+# Fails if docs/reference/options.md is stale, if a document names a command,
+# option or value that the program lacks, if a relative link in a Markdown file
+# leads nowhere, if code and documents name what does not exist, or if the results
+# or the architecture have grown beyond a short read. Needs the program in
+# build/release. The test docs runs the commands and checks of the pages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scripts/gen_docs.sh --check
+python3 scripts/check_options.py
 
 git ls-files --cached --others --exclude-standard '*.md' |
   xargs grep -oHE '\]\([^)# ]+' | sed 's/\](/ /' | {
@@ -21,6 +24,7 @@ git ls-files --cached --others --exclude-standard '*.md' |
   done
   [ "$num_broken" = 0 ]
 }
+
 # Pages that comments name, and constants that the table of constants names.
 grep -rhoE 'docs/[a-z_/]+\.md' src include apps tests bench cmake scripts experiments |
   sort -u | while read -r page; do
@@ -37,6 +41,7 @@ if [ "$(cat docs/results/*.md | wc -l)" -gt 800 ]; then
   echo 'docs/results has more than 800 lines' >&2
   exit 1
 fi
+
 # The table of modules: the same modules as check_layers.sh has, each with a
 # folder, and entries that their headers declare.
 page=docs/development/architecture.md

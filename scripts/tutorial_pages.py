@@ -13,12 +13,21 @@ copy of data/. It fails with the number of the line of the block that fails.
   ```                    runs if it begins with one of COMMANDS; else it is text
   ```json, ```yaml, ...  is text, or a file; see below
 
+Text that follows commands without a word in between is their output: each of
+its lines must occur there, whatever its numbers are; "..." stands for anything.
+
 Comments in the line before a block, which readers do not see, say more:
 
   <!-- not run: REASON -->    the block is not run, for this reason
+  <!-- output: REASON -->     the text is the output of commands farther above
   <!-- file: PATH -->         the block is the content of this file
   <!-- before: COMMANDS -->   are run before the block; they make the input that
                               readers have and the test does not
+
+Anywhere in a page, commands test what the text says; `refused` is a command that
+must fail, with one line that matches a pattern:
+
+  <!-- check: COMMANDS -->    for example: refused 'line 3' mgsfm ...
 
 Pages that consist of Python code are executed as notebooks if nbclient and
 ipykernel are installed.
@@ -49,8 +58,31 @@ FOLDERS = ("examples", "experiments", "scripts", "workflow")
 # The frames of data/rendered_rig that tests use, to save time.
 NUM_FRAMES = 8
 
-BLOCK = re.compile(r"((?:^<!--.*?-->\n+)*)^```(\w*)\n(.*?)^```$", re.M | re.S)
+BLOCK = re.compile(r"((?:^<!--(?:(?!-->).)*-->\n+)*)^```(\w*)\n(.*?)^```$",
+                   re.M | re.S)
 MARK = re.compile(r"<!--\s*([a-z ]+):\s*(.*?)\s*-->", re.S)
+
+
+CHECK = re.compile(r"^<!--\s*check:\s*(.*?)\s*-->", re.M | re.S)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+# For checks: the command fails, and its last line matches the pattern.
+REFUSED = """refused() {
+  local pattern=$1 text; shift
+  if text=$("$@" 2>&1); then echo "not refused: $*"; return 1; fi
+  grep -qE -- "$pattern" <<<"${text##*$'\\n'}" || { echo "$text"; return 1; }
+}
+"""
+
+
+class Check:
+    """A hidden test of what the page says."""
+
+    def __init__(self, match):
+        self.code = REFUSED + match[1]
+        self.start, self.end = match.span()
+        self.line = match.string.count("\n", 0, self.start) + 1
+        self.marks, self.reason, self.kind = {}, None, "check"
 
 
 class Block:
@@ -61,7 +93,8 @@ class Block:
         self.start, self.end = match.span()
         self.line = match.string.count("\n", 0, match.start(2)) + 1
         self.marks = dict(MARK.findall(match[1]))
-        unknown = set(self.marks) - {"not run", "file", "before"}
+        unknown = set(self.marks) - {"not run", "file", "before", "check",
+                                     "output"}
         if unknown:
             raise SystemExit(f"line {self.line}: unknown mark {unknown}")
         self.reason = self.marks.get("not run")
@@ -80,6 +113,23 @@ class Block:
 
 def blocks_of(text):
     return [Block(match) for match in BLOCK.finditer(text)]
+
+
+def checks_of(text):
+    return [Check(match) for match in CHECK.finditer(text)]
+
+
+def normalized(text):
+    return " ".join(NUMBER.sub("#", text).split())
+
+
+def missing_lines(expected, output):
+    """The expected lines that the output lacks."""
+    lines = [normalized(line) for line in output.splitlines()]
+    return [line for line in expected.splitlines()
+            if not any(all(part in got for part in
+                           normalized(line).split("..."))
+                       for got in lines + [""])]
 
 
 def make_data(folder):
@@ -103,7 +153,13 @@ def make_data(folder):
 
 
 def run_commands(commands):
-    subprocess.run(["bash", "-euo", "pipefail", "-c", commands], check=True)
+    """Returns what they print."""
+    done = subprocess.run(["bash", "-euo", "pipefail", "-c", commands],
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          text=True, check=False)
+    print(done.stdout, end="", flush=True)
+    done.check_returncode()
+    return done.stdout
 
 
 def run_block(block, variables, page):
@@ -113,23 +169,32 @@ def run_block(block, variables, page):
         path = Path(block.marks["file"])
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(block.code, encoding="utf-8")
-    elif block.kind == "bash":
-        run_commands(block.code)
+    elif block.kind in ("bash", "check"):
+        return run_commands(block.code)
     elif block.kind == "python":
         # Lines of messages are those of the page.
         code = "\n" * block.line + block.code
         exec(compile(code, str(page), "exec"), variables)
+    return None
 
 
-def run_as_script(page, blocks):
+def run_as_script(page, page_text, blocks):
     variables = {"__name__": "__main__"}
+    output, end = None, 0
     for block in blocks:
+        is_adjacent = not page_text[end:block.start].strip()
+        if block.kind == "text" and output is not None and not block.reason:
+            if is_adjacent or "output" in block.marks:
+                missing = missing_lines(block.code, output)
+                if missing:
+                    raise SystemExit(f"{page}:{block.line}: not printed: "
+                                     f"{missing[0]}")
         if block.reason or block.kind == "text":
             continue
         start = time.monotonic()
         print(f"-- line {block.line} ({block.kind})", flush=True)
         try:
-            run_block(block, variables, page)
+            output, end = run_block(block, variables, page), block.end
         except subprocess.CalledProcessError as error:
             raise SystemExit(f"{page}:{block.line}: exit code "
                              f"{error.returncode}") from None
@@ -165,7 +230,9 @@ def has_notebook_tools():
 
 def run_page(arguments):
     page = arguments.page.resolve()
-    blocks = blocks_of(page.read_text(encoding="utf-8"))
+    text = page.read_text(encoding="utf-8")
+    blocks = sorted(blocks_of(text) + checks_of(text),
+                    key=lambda block: block.start)
     for block in blocks:
         if block.reason:
             print(f"-- line {block.line} not run: {block.reason}")
@@ -184,7 +251,7 @@ def run_page(arguments):
         if kinds == {"python"} and has_notebook_tools():
             run_as_notebook(page)
         else:
-            run_as_script(page, blocks)
+            run_as_script(page, text, blocks)
         os.chdir(ROOT)
     return 0
 

@@ -11,6 +11,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/eval/evaluation.h"
 #include "truth_comparison.h"
+#include "truth_conventions.h"
 
 namespace mgsfm {
 
@@ -140,6 +141,8 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
        options.calib_path, options.database_path, options.image_prefix,
        options.reference, options.rig_name_rule});
   WarnOfUnpairedImages(comparison, context);
+  const auto convention = FindOtherConvention(comparison, options.gt_format);
+  if (convention) context.Warning("'" + *options.gt_path + "': " + *convention);
   thresholds.is_metric =
       options.gt_unit == LengthUnit::kMetre ||
       (options.gt_unit == LengthUnit::kAuto && comparison.is_metric);

@@ -16,6 +16,7 @@
 #include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "scene/intrinsics_check.h"
 #include "synthetic/position_measurement.h"
 #include "synthetic/rendering.h"
 
@@ -135,6 +136,13 @@ std::vector<SimulatedCamera> ReadRig(const std::string& path) {
     }
     const auto [width, height] =
         ImageSize(*camera.camera_model, camera.camera_params);
+    const Camera intrinsics{CameraId(1), *camera.camera_model, width, height,
+                            camera.camera_params};
+    const auto found = FindIntrinsicsProblem(intrinsics);
+    if (found && found->is_certain) {
+      throw Error(problem + "camera '" + camera.NameRule() + "' " +
+                  found->text + "; correct it");
+    }
     const auto place = camera.is_reference ? rig.begin() : rig.end();
     rig.insert(place, {camera.image_prefix, *camera.camera_model, width, height,
                        camera.camera_params, *camera.cam_from_rig});

@@ -75,12 +75,15 @@ bool SimulationReplaces(const fs::path& target, const fs::path& file) {
          ModelReplaces(target / "truth_images", file);
 }
 
-// Files of an export have the path of the output with a suffix.
+// Files of an export have the path of the output, are in that folder, or have
+// the path with an extension.
 bool ExportReplaces(const fs::path& target, const fs::path& file) {
   std::error_code ignored;
   const std::string prefix = fs::weakly_canonical(target, ignored).string();
   const std::string path = fs::weakly_canonical(file, ignored).string();
-  return path.compare(0, prefix.size(), prefix) == 0 ||
+  const bool has_prefix = path.compare(0, prefix.size(), prefix) == 0;
+  const char next = path.size() > prefix.size() ? path[prefix.size()] : '/';
+  return (has_prefix && (next == '/' || next == '.')) ||
          ModelReplaces(target, file);
 }
 

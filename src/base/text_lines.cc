@@ -30,6 +30,13 @@ std::string NormalizeText(std::string text, const std::string& what) {
   if (text.compare(0, kByteOrderMark.size(), kByteOrderMark) == 0) {
     text.erase(0, kByteOrderMark.size());
   }
+  // Joined files have more of them, which are invisible parts of a name.
+  const size_t mark = text.find(kByteOrderMark);
+  if (mark != std::string::npos) {
+    const auto line = std::count(text.data(), text.data() + mark, '\n') + 1;
+    throw Error(what + ", line " + std::to_string(line) +
+                ": a byte-order mark is within the text; remove it");
+  }
   if (text.find('\r') == std::string::npos) return text;
   size_t end = 0;
   for (size_t i = 0; i < text.size(); ++i) {

@@ -14,7 +14,8 @@ namespace mgsfm {
 // The common rules of all readers of text.
 //
 // - A line ends with LF, CR LF or CR; the last one may lack its end.
-// - A byte-order mark of UTF-8 is skipped. UTF-16 and null bytes are errors.
+// - A byte-order mark of UTF-8 is skipped at the start, and an error elsewhere.
+//   UTF-16 and null bytes are errors.
 // - Blanks and tabs around a line, and before a word, do not count.
 // - A comment is a line that starts with '#'.
 // - A word is a number only as a whole (ParseDouble).

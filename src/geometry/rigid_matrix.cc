@@ -33,4 +33,9 @@ std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a) {
   return RigidFromMatrix(Eigen::Map<const RigidMatrix>(b_from_a.data()));
 }
 
+Eigen::Quaterniond FromOrderXyzw(const Eigen::Quaterniond& read_as_wxyz) {
+  return {read_as_wxyz.z(), read_as_wxyz.w(), read_as_wxyz.x(),
+          read_as_wxyz.y()};
+}
+
 }  // namespace mgsfm

@@ -20,4 +20,8 @@ std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a);
 // if the fourth row is not 0 0 0 1, as in a transposed matrix.
 std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a);
 
+// The rotation of a quaternion of which the file has x, y, z, w, but whose
+// numbers were read as w, x, y, z.
+Eigen::Quaterniond FromOrderXyzw(const Eigen::Quaterniond& read_as_wxyz);
+
 }  // namespace mgsfm

@@ -191,6 +191,17 @@ std::vector<double> LogScales(const Scene& scene, const PositionPriors& priors,
   return log_scales;
 }
 
+std::string UnitRemedy(double scale) {
+  // The known rig and the positions are each right within some percent.
+  constexpr double kMaxRatio = 1.1;
+  const auto is_near = [scale](double expected) {
+    return std::max(scale / expected, expected / scale) < kMaxRatio;
+  };
+  if (is_near(1e-3)) return "give the rig in metres, not in millimetres";
+  if (is_near(1e3)) return "give the positions in metres, not in millimetres";
+  return "correct the baselines of the rig, or the unit of the positions";
+}
+
 // A model with a known rig keeps the unit of that rig. If the positions have
 // another one, they cannot agree with it.
 std::vector<Finding> CheckPositionUnit(const Scene& scene,
@@ -221,7 +232,7 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
              {{"scale", std::exp(center)}, {"relative_sigma", sigma}},
              "the measured positions suggest a unit of length " +
                  std::string(number) + " times that of the known rig",
-             "correct the baselines of the rig, or the unit of the positions"}};
+             UnitRemedy(std::exp(center))}};
   }
   return {};
 }

@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <utility>
 #include <vector>
 
 #include "base/format.h"
+#include "geometry/rigid_matrix.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 
@@ -49,9 +51,21 @@ constexpr double kMaxAngleDifferenceDeg = 1.0;
 // A majority.
 constexpr double kMinEqualShare = 0.5;
 
-constexpr const char* kRemedy =
-    "; correct it (poses are cam_from_rig, not rig_from_cam), or remove the "
-    "pose of one camera to estimate it";
+// Other meanings of the poses in a file, by which they agree with the matches.
+struct RigConvention {
+  bool is_xyzw;
+  bool is_rig_from_cam;
+  const char* remedy;
+};
+
+constexpr RigConvention kRigConventions[] = {
+    {true, false,
+     "; the order x y z w of its quaternions agrees; write w x y z"},
+    {false, true,
+     "; the inverse poses agree; write cam_from_rig, not rig_from_cam"},
+    {true, true,
+     "; the inverse poses with quaternions x y z w agree; write cam_from_rig, "
+     "not rig_from_cam, with w x y z"}};
 
 // Indices of two sensors of one rig.
 using SensorIdxs = std::pair<int, int>;
@@ -179,46 +193,44 @@ RigDeviations MeasureDeviations(const Scene& scene,
   return deviations;
 }
 
-[[noreturn]] void ThrowContradiction(const Scene& scene,
-                                     const SensorIdxs& sensors,
-                                     const char* quantity, double error_deg,
-                                     size_t num_samples) {
+std::string Contradiction(const Scene& scene, const SensorIdxs& sensors,
+                          const char* quantity, double error_deg,
+                          size_t num_samples) {
   const std::string number = Formatted("%.1f", error_deg);
-  throw Error("the known " + std::string(quantity) + " between the cameras '" +
-              scene.sensors[sensors.first].name + "' and '" +
-              scene.sensors[sensors.second].name +
-              "' of a rig contradicts the matches of " +
-              std::to_string(num_samples) + " frames by " + number + " deg" +
-              kRemedy);
+  return "the known " + std::string(quantity) + " between the cameras '" +
+         scene.sensors[sensors.first].name + "' and '" +
+         scene.sensors[sensors.second].name +
+         "' of a rig contradicts the matches of " +
+         std::to_string(num_samples) + " frames by " + number + " deg";
 }
 
-void CheckDirections(const Scene& scene, const SensorIdxs& sensors,
-                     const std::vector<Vector3d>& directions) {
+std::optional<std::string> CheckDirections(
+    const Scene& scene, const SensorIdxs& sensors,
+    const std::vector<Vector3d>& directions) {
   const Vector3d known = KnownRelativePose(scene, sensors).translation;
-  if (directions.size() < kMinNumFrames || known.isZero(0.0)) return;
+  if (directions.size() < kMinNumFrames || known.isZero(0.0)) return {};
   Vector3d mean = Vector3d::Zero();
   for (const Vector3d& direction : directions) mean += direction;
   mean /= static_cast<double>(directions.size());
-  if (mean.norm() < kMinMeanDirection) return;
+  if (mean.norm() < kMinMeanDirection) return {};
   const double error_deg = RadToDeg(AngleBetween(known, mean));
-  if (error_deg > kMaxDirectionDeg) {
-    ThrowContradiction(scene, sensors, "direction of the translation",
+  if (error_deg <= kMaxDirectionDeg) return {};
+  return Contradiction(scene, sensors, "direction of the translation",
                        error_deg, directions.size());
-  }
 }
 
-}  // namespace
-
-void CheckKnownRigs(const Scene& scene, const ViewGraph& view_graph) {
+std::optional<std::string> FindContradiction(const Scene& scene,
+                                             const ViewGraph& view_graph) {
   const RigDeviations deviations = MeasureDeviations(scene, view_graph);
   for (const auto& [sensors, samples] : deviations.frame_samples) {
     const size_t num_frames = samples.rotation_errors_deg.size();
     if (num_frames < kMinNumFrames) continue;
     const double error_deg = LowerQuartile(samples.rotation_errors_deg);
     if (error_deg > kMaxRotationDeg) {
-      ThrowContradiction(scene, sensors, "rotation", error_deg, num_frames);
+      return Contradiction(scene, sensors, "rotation", error_deg, num_frames);
     }
-    CheckDirections(scene, sensors, samples.directions);
+    auto problem = CheckDirections(scene, sensors, samples.directions);
+    if (problem) return problem;
   }
   for (const auto& [sensors, samples] : deviations.motion_samples) {
     const std::vector<double>& errors = samples.axis_errors;
@@ -229,11 +241,40 @@ void CheckKnownRigs(const Scene& scene, const ViewGraph& view_graph) {
     }
     const double error = LowerQuartile(errors);
     if (error > kMaxAxisError) {
-      ThrowContradiction(scene, sensors, "rotation",
-                         RadToDeg(2.0 * std::asin(std::min(1.0, error))),
-                         errors.size());
+      return Contradiction(scene, sensors, "rotation",
+                           RadToDeg(2.0 * std::asin(std::min(1.0, error))),
+                           errors.size());
     }
   }
+  return std::nullopt;
+}
+
+void Reinterpret(const RigConvention& convention, Rigid3* pose) {
+  // A pose without rotation, as that of the reference, has no order.
+  if (convention.is_xyzw && !pose->rotation.vec().isZero()) {
+    pose->rotation = FromOrderXyzw(pose->rotation);
+  }
+  if (convention.is_rig_from_cam) *pose = pose->Inverse();
+}
+
+}  // namespace
+
+void CheckKnownRigs(const Scene& scene, const ViewGraph& view_graph) {
+  const auto problem = FindContradiction(scene, view_graph);
+  if (!problem) return;
+  for (const RigConvention& convention : kRigConventions) {
+    Scene other = scene;
+    for (Sensor& sensor : other.sensors) {
+      if (sensor.sensor_from_rig) {
+        Reinterpret(convention, &*sensor.sensor_from_rig);
+      }
+    }
+    if (!FindContradiction(other, view_graph)) {
+      throw Error(*problem + convention.remedy);
+    }
+  }
+  throw Error(*problem +
+              "; correct it, or remove the pose of one camera to estimate it");
 }
 
 }  // namespace mgsfm

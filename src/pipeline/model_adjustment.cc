@@ -3,6 +3,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+#include <cmath>
 #include <optional>
 #include <string>
 #include <utility>
@@ -114,6 +115,21 @@ void ScaleToBaseline(const AdjustmentInput& input, bool has_world,
   TransformWorld(metric_from_model, &model->reconstruction);
 }
 
+// Accelerometers at rest measure the opposite of gravity.
+void WarnIfUpsideDown(const GravityPriors& gravity, const Context& context) {
+  size_t num_up = 0;
+  for (const auto& direction : gravity.images) {
+    if (!direction || std::abs(direction->y()) < 0.5) continue;
+    if (direction->y() > 0.0) return;
+    ++num_up;
+  }
+  if (num_up == 0) return;
+  context.Warning("all " + std::to_string(num_up) +
+                  " steep directions of gravity point to the top of their "
+                  "images; unless the cameras are upside down, these are "
+                  "accelerations: give the opposite directions");
+}
+
 // Moves the model to its final world frame.
 void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
                   const Context& context, MapperModel* model) {
@@ -133,6 +149,7 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
     context.Info("gravity: " + std::to_string(model->gravity->num_priors) +
                  " priors, " + std::to_string(model->gravity->outliers.size()) +
                  " outliers");
+    WarnIfUpsideDown(input.gravity, context);
   }
 }
 

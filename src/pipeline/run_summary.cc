@@ -60,6 +60,30 @@ std::vector<SensorAccuracy> Accuracies(const Scene& scene,
   return accuracies;
 }
 
+void CountObservations(const Scene& scene, const Reconstruction& model,
+                       ModelSummary* summary) {
+  std::vector<size_t> of_image(scene.images.size(), 0);
+  for (const Point3D& point : model.points) {
+    for (const Observation& o : point.track) ++of_image[o.image_idx];
+  }
+  std::vector<size_t> of_sensor(scene.sensors.size(), 0);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    of_sensor[scene.images[i].sensor_idx] += of_image[i];
+    summary->num_observations += of_image[i];
+    summary->num_images_without_points +=
+        of_image[i] == 0 && model.IsRegistered(scene, static_cast<int>(i));
+  }
+  for (size_t k = 0; k < scene.sensors.size(); ++k) {
+    if (!IsCalibrated(scene, model, k)) continue;
+    if (summary->num_calibrated_sensors == 0 ||
+        of_sensor[k] < summary->min_num_sensor_observations) {
+      summary->weakest_sensor = scene.sensors[k].name;
+      summary->min_num_sensor_observations = of_sensor[k];
+    }
+    ++summary->num_calibrated_sensors;
+  }
+}
+
 ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
                             const MapperModel& model) {
   const Reconstruction& reconstruction = model.reconstruction;
@@ -69,11 +93,8 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
   }
   summary.num_images = reconstruction.NumRegisteredImages(scene);
   summary.num_points = reconstruction.points.size();
-  summary.num_observations = NumObservations(reconstruction);
   summary.mean_reprojection_error_px = MeanReprojectionErrorPx(reconstruction);
-  for (size_t k = 0; k < scene.sensors.size(); ++k) {
-    summary.num_calibrated_sensors += IsCalibrated(scene, reconstruction, k);
-  }
+  CountObservations(scene, reconstruction, &summary);
   if (model.kept_matches.total.num_matches > 0) {
     summary.kept_share = model.kept_matches.total.Share();
   }
@@ -84,10 +105,13 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
 
 std::string DescribeRig(const ModelSummary& model) {
   if (model.num_calibrated_sensors == 0) return "";
-  std::string line = "rig: " +
-                     Count(static_cast<size_t>(model.num_calibrated_sensors),
-                           "camera pose", "camera poses") +
-                     " calibrated";
+  std::string line =
+      "rig: " +
+      Count(static_cast<size_t>(model.num_calibrated_sensors), "camera pose",
+            "camera poses") +
+      " calibrated, that of '" + model.weakest_sensor + "' by " +
+      Count(model.min_num_sensor_observations, "observation", "observations") +
+      (model.num_calibrated_sensors > 1 ? ", the fewest" : "");
   if (model.accuracies.empty()) {
     return line + "; compute_covariances tells how accurately";
   }
@@ -151,6 +175,10 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
     if (model.mean_reprojection_error_px) {
       line += ", mean reprojection error " +
               Formatted("%.2f", *model.mean_reprojection_error_px) + " px";
+    }
+    if (model.num_images_without_points > 0) {
+      line += "; " + std::to_string(model.num_images_without_points) +
+              " of the images have no points and follow from their rig";
     }
     lines.push_back(line);
     if (const std::string rig = DescribeRig(model); !rig.empty()) {

@@ -25,12 +25,18 @@ struct SensorAccuracy {
 struct ModelSummary {
   int num_frames = 0;
   int num_images = 0;
+  // Their poses are those of other images of their frame.
+  int num_images_without_points = 0;
   size_t num_points = 0;
   size_t num_observations = 0;
   std::optional<double> mean_reprojection_error_px;
   std::optional<double> kept_share;  // of the verified matches, if counted
   std::string unit_of_length;        // in words
   int num_calibrated_sensors = 0;    // other than reference and known ones
+  // The calibrated sensor with the fewest observations, on which its pose
+  // rests.
+  std::string weakest_sensor;
+  size_t min_num_sensor_observations = 0;
   // One per calibrated sensor, if covariances were computed.
   std::vector<SensorAccuracy> accuracies;
 };

@@ -39,11 +39,8 @@ std::string MakeJpeg(const std::filesystem::path& path, const Camera& camera) {
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(path, ignored)) return {};
   try {
-    const cv::Mat image =
-        DecodeImage(ReadFile(path),
-                    ReadingMode(camera) | cv::IMREAD_IGNORE_ORIENTATION,
-                    kDefaultMaxNumPixels)
-            .pixels;
+    const cv::Mat image = DecodeForDisplay(
+        ReadFile(path), ReadingMode(camera) | cv::IMREAD_IGNORE_ORIENTATION);
     const int height_px =
         std::max(1, image.rows * kWidthPx / std::max(image.cols, 1));
     cv::Mat small;

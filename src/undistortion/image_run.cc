@@ -167,7 +167,9 @@ class ImageRun {
                   const ViewRenderer& renderer) {
     cv::Mat mask;
     const fs::path mask_path = MaskPathOf(options_.mask_path, task.name);
-    if (!options_.mask_path.empty() && fs::is_regular_file(mask_path)) {
+    std::error_code ignored;
+    if (!options_.mask_path.empty() &&
+        fs::is_regular_file(mask_path, ignored)) {
       try {
         mask = Decode(ReadFile(mask_path),
                       cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH, camera)

@@ -12,6 +12,7 @@
 namespace mgsfm {
 namespace {
 
+using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
@@ -34,6 +35,11 @@ TEST(TextLines, EndsOfLinesAndTheByteOrderMarkDoNotCount) {
     }
   }
   EXPECT_TRUE(LinesOf("").empty());
+}
+
+TEST(TextLines, AByteOrderMarkWithinTheTextIsRefused) {
+  EXPECT_THAT(ErrorOf([] { LinesOf("a\r\nb\xef\xbb\xbf c"); }),
+              AllOf(HasSubstr("a.txt, line 2"), HasSubstr("byte-order")));
 }
 
 TEST(TextLines, CommentsAreSkippedAndCounted) {

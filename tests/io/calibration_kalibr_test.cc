@@ -52,6 +52,11 @@ TEST_F(CalibrationTest, MalformedChainsNameLineAndRemedy) {
   EXPECT_THAT(ErrorOfChange("a.yaml", kKalibr, "resolution: [752, 480]",
                             "resolution: [752, -480]"),
               AllOf(HasSubstr("line 7"), HasSubstr("positive integer")));
+  EXPECT_THAT(ErrorOfChange("a.yaml", kKalibr, "  resolution: [752, 480]",
+                            "  resolution: [752, 480]\n"
+                            "  resolution: [376, 240]"),
+              AllOf(HasSubstr("line 8"), HasSubstr("'resolution'"),
+                    HasSubstr("twice")));
 }
 
 constexpr char kLens[] =

@@ -153,6 +153,18 @@ TEST_F(CalibrationRigsTest, NamesThatShareNoFrameAreAWarning) {
   EXPECT_EQ(log_.find("same name"), std::string::npos);
 }
 
+// The list is longer than the name of a file may be.
+TEST_F(CalibrationTest, ManyFilesAreRead) {
+  std::string list;
+  for (int i = 0; i < 40; ++i) {
+    if (i > 0) list += ',';
+    list += "no_such_camera_" + std::to_string(i) + ".yaml";
+  }
+  EXPECT_THAT(ErrorOf([&] { ReadCalibration(list); }),
+              AllOf(HasSubstr("'no_such_camera_0.yaml'"),
+                    testing::Not(HasSubstr("camera_1"))));
+}
+
 TEST_F(CalibrationTest, OtherFilesAreRefused) {
   for (const char* text : {"", "[]", "a: 1", "- 3", "text"}) {
     EXPECT_THAT(ErrorOfFile("x.yaml", text), HasSubstr("not a calibration"));

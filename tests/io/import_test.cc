@@ -374,6 +374,13 @@ TEST_F(Import, TransposedTransformsAreRefused) {
 TEST_F(Import, DamagedTransformsAreRefused) {
   const std::string size = R"("fl_x": 300, "w": 1000, "h": 800,)";
   ExpectRefused("t.json", "{", HasSubstr("transforms.json"));
+  const std::string frame =
+      R"(, "w": 640, "h": 200, "fl_x": 370, "frames": [{"file_path": "0.jpg",
+      "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]})";
+  ExpectRefused("t.json", R"({"cx": -9000)" + frame,
+                AllOf(HasSubstr("'0.jpg'"), HasSubstr("principal point")));
+  ExpectRefused("t.json", R"({"k1": -44.9, "k2": 1017)" + frame,
+                AllOf(HasSubstr("'0.jpg'"), HasSubstr("distortion")));
   ExpectRefused(
       "t.json", Transforms(R"("w": 1000, "h": 800,)", ""),
       AllOf(HasSubstr("frame 0"), HasSubstr("a.jpg"), HasSubstr("fl_x")));
@@ -415,6 +422,31 @@ TEST_F(Import, PointsOfPlyFilesAreRead) {
     WriteTextFile(Path("b.ply"), text.substr(0, size));
     EXPECT_THROW((void)ReadPly(Path("b.ply")), Error) << size;
   }
+  std::string bad_count = text;
+  bad_count.replace(text.find("vertex 1"), 8, "vertex 1x");
+  WriteTextFile(Path("b.ply"), bad_count);
+  EXPECT_THROW((void)ReadPly(Path("b.ply")), Error);
+}
+
+// The values decide whether colours in floating point end at 1 or at 255.
+TEST_F(Import, ColoursOfPlyFilesMayBeShares) {
+  const auto color = [&](const std::string& rgb) {
+    WriteTextFile(Path("c.ply"),
+                  "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+                  "property float red\nproperty float green\n"
+                  "property float blue\nend_header\n1 " +
+                      rgb + "\n");
+    return ReadPly(Path("c.ply")).at(0).color;
+  };
+  EXPECT_THAT(color("0 0.2 1"), ElementsAre(0, 51, 255));
+  EXPECT_THAT(color("0 51 255"), ElementsAre(0, 51, 255));
+  EXPECT_THROW((void)color("0 51 256"), Error);
+  EXPECT_THROW((void)color("0 -0.5 1"), Error);
+}
+
+TEST_F(Import, KeysThatOccurTwiceAreNamed) {
+  ExpectRefused("t.json", R"({"frames": [], "fl_x": 1, "w": 2, "fl_x": 3})",
+                HasSubstr("'fl_x' twice"));
 }
 
 }  // namespace

@@ -255,6 +255,14 @@ TEST(ModelSceneTest, ImageThatContradictsItsFrameIsNamed) {
                     HasSubstr("rig_name_rule")));
 }
 
+TEST(ModelSceneTest, ACameraBelongsToOneRig) {
+  Model model = Written(SmallDrive());
+  model.poses.rigs.push_back(
+      {RigId(99), {{model.poses.images[0].camera_id, true, Rigid3()}}});
+  EXPECT_THAT(ErrorOfLoading(model),
+              AllOf(HasSubstr("model 'folder'"), HasSubstr("rig 99")));
+}
+
 TEST(ModelSceneTest, ImagesOfOneNameThatDoNotMoveTogetherAreNoRig) {
   Model model = WithoutTables(Written(SmallDrive()));
   Random random(2);
@@ -287,6 +295,37 @@ TEST(ModelSceneTest, SensorThatNothingPlacesIsNamed) {
                 (void)MakeModelScene(model, "folder", options, Context());
               }),
               AllOf(HasSubstr("'cam3'"), HasSubstr("rig_config_path")));
+}
+
+// The keypoints of the points tell how the poses are meant.
+TEST(ModelSceneTest, OtherConventionsOfPosesAreNamed) {
+  const Model model = Written(SmallDrive());
+  const auto changed = [&](bool is_xyzw, bool is_world_from_cam) {
+    Model copy = model;
+    for (ModelImage& image : copy.poses.images) {
+      Rigid3& pose = image.cam_from_world;
+      if (is_world_from_cam) pose = pose.Inverse();
+      const Eigen::Quaterniond q = pose.rotation;
+      if (is_xyzw) pose.rotation = {q.x(), q.y(), q.z(), q.w()};
+    }
+    return ErrorOfLoading(copy);
+  };
+  EXPECT_EQ(changed(false, false), "no error");
+  EXPECT_THAT(changed(true, false), HasSubstr("write them as w x y z"));
+  EXPECT_THAT(changed(false, true), HasSubstr("write their inverses"));
+  EXPECT_THAT(changed(true, true),
+              AllOf(HasSubstr("inverses"), HasSubstr("w x y z")));
+}
+
+TEST(ModelSceneTest, IntrinsicsThatNoLensHasAreRefused) {
+  Model model = Written(SmallDrive());
+  for (const int i :
+       FindCameraModel(static_cast<int32_t>(model.cameras[0].model))
+           ->focal_length_idxs) {
+    model.cameras[0].params[i] = 50.0 * model.cameras[0].width_px;
+  }
+  EXPECT_THAT(ErrorOfLoading(model),
+              AllOf(HasSubstr("model 'folder'"), HasSubstr("50 times")));
 }
 
 }  // namespace

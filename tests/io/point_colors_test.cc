@@ -125,6 +125,19 @@ TEST_F(PointColors, ImagesOfAnotherSizeGiveNone) {
 
 // Keypoints refer to the picture as it is stored, regardless of its EXIF
 // orientation.
+// Cameras with 12 bits leave the upper four of 16 at zero.
+TEST_F(PointColors, TwelveBitsInSixteenAreNotBlack) {
+  WriteImage("a.png", cv::Mat(4, 4, CV_16UC3, cv::Scalar(0, 2048, 4095)));
+  WriteImage("b.png", cv::Mat(4, 4, CV_16UC3, cv::Scalar(0, 32896, 65535)));
+  for (const char* name : {"a.png", "b.png"}) {
+    AddPoint({{AddImage(name, {{2.0f, 2.0f}}), 0}});
+  }
+  EXPECT_THAT(Color(), testing::IsEmpty());
+  for (const Point3D& point : model_.points) {
+    EXPECT_THAT(point.color, ElementsAre(255, 128, 0));
+  }
+}
+
 TEST_F(PointColors, DoesNotTurnImages) {
   cv::Mat left_is_red(16, 32, CV_8UC3, cv::Scalar(0, 0, 0));
   left_is_red.colRange(0, 16) = cv::Scalar(0, 0, 250);

@@ -155,6 +155,10 @@ TEST_F(PosePriorsTest, RangeTellsDegreesFromLengths) {
   EXPECT_FALSE(are_gps({{-30.0, 0.0, 0.0}, {50.0, 80.0, 1.0}}));
   EXPECT_FALSE(
       are_gps({{691607.2, 5334760.1, 515.0}, {691608.0, 5334761.0, 5}}));
+  const std::vector<Eigen::Vector3d> in_radians = {{0.8395, 0.2007, 500.0},
+                                                   {0.8396, 0.2007, 501.0}};
+  EXPECT_THAT(ErrorOf([&] { are_gps(in_radians); }), HasSubstr("radians"));
+  EXPECT_TRUE(AreGps(in_radians, PositionKind::kGps, ""));
   EXPECT_THAT(ErrorOf([&] {
                 are_gps({{50.0, 60.0, 0.0}, {52.0, 61.0, 0.0}});
               }),

@@ -70,6 +70,7 @@ TEST_F(RigConfigTest, NamesWhatIsWrong) {
       {R"([{"cameras": [{"image_prefix": "a"}]}])", "has 0 cameras with"},
       {rig(R"("image_prefix": "b/", "ref_sensor": true)"), "has 2 cameras"},
       {rig(R"("prefix": "b/")"), "camera 2 of rig 1 has the unknown key"},
+      {rig(R"("image_prefix": "b", "image_prefix": "c")"), "twice"},
       {rig(R"("ref_sensor": false)"), "needs 'image_prefix'"},
       {rig(R"("image_prefix": "b", "ref_sensor": 1)"), "true or false"},
       {rig(R"("image_prefix": "b", "cam_from_rig_rotation": [1, 0, 0, 0])"),

@@ -8,11 +8,13 @@
 #include <set>
 
 #include "mgsfm/base/error.h"
+#include "support/error_of.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 
 class RigConfigurationTest : public testing::Test {
@@ -110,6 +112,48 @@ TEST_F(RigConfigurationTest, TakesPosesAndIntrinsicsOfAConfiguration) {
 }
 
 // COLMAP's rigs have a camera for each sensor, and images that of theirs.
+// The principal point of the database tells that the images are no crops.
+TEST_F(RigConfigurationTest, IntrinsicsOfAnotherSizeAreRefused) {
+  FeatureDatabase database = Open();
+  AddTwoCameras(&database);
+  const auto configure = [&](const std::string& params) {
+    return ErrorOf([&] {
+      ConfigureRigs(
+          WithConfig(R"([{"cameras": [{"image_prefix": "a/", "ref_sensor": true,
+              "camera_model_name": "SIMPLE_PINHOLE", "camera_params": [)" +
+                     params + R"(]}, {"image_prefix": "b/"}]}])"),
+          &database, Context());
+    });
+  };
+  EXPECT_THAT(configure("50, 25, 20"),
+              AllOf(HasSubstr("camera 'a'"), HasSubstr("rig.json"),
+                    HasSubstr("about 50 x 40 px")));
+  EXPECT_THAT(configure("100, 50, 800"), HasSubstr("outside of the image"));
+  EXPECT_EQ(configure("100, 51, 39"), "no error");
+}
+
+TEST_F(RigConfigurationTest, MillimetresAreNamed) {
+  FeatureDatabase database = Open();
+  AddTwoCameras(&database);
+  std::string warnings;
+  Context context;
+  context.log = [&](LogLevel level, const std::string& message) {
+    if (level == LogLevel::kWarning) warnings += message;
+  };
+  const auto configure = [&](const std::string& x) {
+    warnings.clear();
+    ConfigureRigs(
+        WithConfig(R"([{"cameras": [{"image_prefix": "a/", "ref_sensor": true},
+            {"image_prefix": "b/", "cam_from_rig_rotation": [1, 0, 0, 0],
+             "cam_from_rig_translation": [)" +
+                   x + ", 0, 0]}]}]"),
+        &database, context);
+    return warnings;
+  };
+  EXPECT_EQ(configure("-0.54"), "");
+  EXPECT_THAT(configure("-540"), HasSubstr("millimetres"));
+}
+
 TEST_F(RigConfigurationTest, CopiesACameraThatTwoSensorsShare) {
   FeatureDatabase database = Open();
   const CameraId camera = AddCamera(&database, 90.0);

@@ -7,6 +7,8 @@
 #include <cstdio>
 
 #include "io/test_database.h"
+#include "mgsfm/io/models/scene_loading.h"
+#include "support/shared_data.h"
 
 namespace mgsfm {
 namespace {
@@ -76,6 +78,20 @@ TEST(RuleSuggestionTest, NamesOfOneCameraGetNone) {
   EXPECT_EQ(LogOf({"cam0/0.png", "cam0/1.png", "cam1/0.png", "cam1/1.png"})
                 .find("rig_name_rule"),
             std::string::npos);
+}
+
+TEST(RealDataTest, Kitti06IsOneStereoRig) {
+  const auto data = FindSharedData("kitti06_stereo");
+  if (!data) GTEST_SKIP() << "no kitti06_stereo; see shared_data.h";
+  const LoadedScene loaded =
+      LoadScene((*data / "database.db").string(), {}, Context());
+  ASSERT_EQ(loaded.scene.rigs.size(), 1u);
+  ASSERT_EQ(loaded.scene.sensors.size(), 2u);
+  EXPECT_EQ(loaded.scene.sensors[0].name, "cam0");
+  EXPECT_EQ(loaded.scene.sensors[1].name, "cam1");
+  EXPECT_EQ(loaded.scene.frames.size(), 51u);
+  EXPECT_EQ(loaded.scene.images.size(), 102u);
+  EXPECT_EQ(loaded.view_graph.pairs.size(), 1159u);
 }
 
 }  // namespace

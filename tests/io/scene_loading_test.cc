@@ -9,7 +9,6 @@
 
 #include "io/test_database.h"
 #include "mgsfm/io/rigs/rig_config.h"
-#include "support/shared_data.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -404,6 +403,11 @@ TEST(TableRigsTest, NamesWhatIsWrong) {
   contents.frames[2].data[0].camera_id = CameraId(3);
   EXPECT_THAT(LoadError(contents), HasSubstr("camera 3"));
   contents = StereoWithTables();
+  contents.cameras[0].params[0] += 1.0;
+  std::swap(contents.frames[0].data[0].camera_id,
+            contents.frames[0].data[1].camera_id);
+  EXPECT_THAT(LoadError(contents), HasSubstr("has other intrinsics"));
+  contents = StereoWithTables();
   contents.frames[2].data[0].image_id = ImageId(99);
   EXPECT_THAT(LoadError(contents), HasSubstr("image 99"));
   contents = StereoWithTables();
@@ -584,17 +588,6 @@ TEST_F(SceneLoadingTest, MatchesWithoutGeometriesHaveTheSameOrder) {
                 pair.matches[k].keypoint_idx2);
     }
   }
-}
-
-TEST(RealDataTest, Kitti06IsOneStereoRig) {
-  const auto data = FindSharedData("kitti06_stereo");
-  if (!data) GTEST_SKIP() << "no kitti06_stereo; see shared_data.h";
-  const LoadedScene loaded =
-      LoadScene((*data / "database.db").string(), {}, Context());
-  EXPECT_THAT(Rigs(loaded.scene), ElementsAre(Names{"cam0", "cam1"}));
-  EXPECT_EQ(loaded.scene.frames.size(), 51u);
-  EXPECT_EQ(loaded.scene.images.size(), 102u);
-  EXPECT_EQ(loaded.view_graph.pairs.size(), 1159u);
 }
 
 }  // namespace

@@ -115,6 +115,32 @@ TEST(InputCheckTest, FewRegisteredImagesAreAWarningWithACause) {
   EXPECT_THAT(lines, Contains(HasSubstr("missing: 25 frames")));
 }
 
+TEST(InputCheckTest, TheSummaryStatesOnHowMuchItsClaimsRest) {
+  const Simulation drive = SoundDrive();
+  MapperResult result;
+  result.models.emplace_back();
+  Reconstruction& model = result.models[0].reconstruction;
+  model = drive.ground_truth;
+  // All observations of the second camera, but for three in one image.
+  size_t num_left = 0;
+  int seen_image_idx = -1;
+  for (Point3D& point : model.points) {
+    const auto goes = [&](const Observation& o) {
+      if (drive.scene.images[o.image_idx].sensor_idx == 0) return false;
+      if (seen_image_idx < 0) seen_image_idx = o.image_idx;
+      return o.image_idx != seen_image_idx || ++num_left > 3;
+    };
+    point.track.erase(
+        std::remove_if(point.track.begin(), point.track.end(), goes),
+        point.track.end());
+  }
+  const size_t num_empty = drive.scene.images.size() / 2 - 1;
+  const auto lines = DescribeRun(SummarizeRun(drive.scene, result));
+  EXPECT_THAT(lines, Contains(HasSubstr("'cam1' by 3 observations")));
+  EXPECT_THAT(lines, Contains(HasSubstr(std::to_string(num_empty) +
+                                        " of the images have no points")));
+}
+
 TEST(InputCheckTest, CamerasThatShareNoFrameAreAWarning) {
   const Simulation drive = SoundDrive();
   MapperInput input = InputOf(drive);

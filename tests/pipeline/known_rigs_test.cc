@@ -98,6 +98,24 @@ TEST(KnownRigsTest, InvertedPoseIsFound) {
                     HasSubstr("not rig_from_cam")));
 }
 
+TEST(KnownRigsTest, OrderOfQuaternionsIsFound) {
+  for (const bool is_inverse : {false, true}) {
+    Simulation simulation =
+        DriveWithKnownRig(RigPreset::kKitti360, PathPreset::kCurve);
+    for (Sensor& sensor : simulation.scene.sensors) {
+      Rigid3& pose = *sensor.sensor_from_rig;
+      if (is_inverse) pose = pose.Inverse();
+      const Eigen::Quaterniond q = pose.rotation;
+      // The reference is the identity in any order.
+      if (!q.vec().isZero()) pose.rotation = {q.x(), q.y(), q.z(), q.w()};
+    }
+    EXPECT_THAT(ErrorOf(simulation),
+                AllOf(HasSubstr("x y z w"), HasSubstr("w x y z")));
+    EXPECT_EQ(ErrorOf(simulation).find("inverse") != std::string::npos,
+              is_inverse);
+  }
+}
+
 // Cameras without common field of view contradict each other by their rotations
 // between frames.
 TEST(KnownRigsTest, WrongRotationWithoutOverlapIsFound) {

@@ -113,10 +113,12 @@ void ForgetCommonPlace(std::vector<CalibratedCamera>* cameras) {
 
 std::vector<CalibratedCamera> ReadCalibration(const std::string& paths) {
   std::vector<fs::path> files;
-  const bool is_folder = fs::is_directory(paths);
+  std::error_code ignored;  // a list of files is too long for a name
+  const bool is_folder = fs::is_directory(paths, ignored);
   if (is_folder) {
     files = FilesIn(paths, true);
-  } else if (fs::exists(paths) || paths.find(',') == std::string::npos) {
+  } else if (fs::exists(paths, ignored) ||
+             paths.find(',') == std::string::npos) {
     files = {paths};
   } else {
     for (size_t begin = 0; begin <= paths.size();) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <set>
 
 #include "base/text.h"
 #include "geometry/rigid_matrix.h"
@@ -48,13 +49,18 @@ bool YamlValue::Has(const std::string& key) const {
 
 std::optional<YamlValue> YamlValue::Find(const std::string& key) const {
   if (!node_.IsMap()) return std::nullopt;
+  std::optional<YamlValue> found;
   for (const auto& entry : node_) {
-    if (entry.first.IsScalar() && entry.first.Scalar() == key &&
-        !entry.second.IsNull()) {
-      return YamlValue(path_, key, entry.second);
+    if (!entry.first.IsScalar() || entry.first.Scalar() != key ||
+        entry.second.IsNull()) {
+      continue;
     }
+    if (found) {
+      YamlValue(path_, key, entry.second).Throw("is there twice; remove one");
+    }
+    found = YamlValue(path_, key, entry.second);
   }
-  return std::nullopt;
+  return found;
 }
 
 std::optional<YamlValue> YamlValue::FindAny(
@@ -72,12 +78,16 @@ YamlValue YamlValue::operator[](const std::string& key) const {
 
 std::vector<std::pair<std::string, YamlValue>> YamlValue::Items() const {
   std::vector<std::pair<std::string, YamlValue>> items;
+  std::set<std::string> keys;
   for (const auto& entry : node_) {
     if (node_.IsSequence()) {
       items.emplace_back("", YamlValue(path_, name_, entry));
     } else if (entry.first.IsScalar()) {
       const std::string& key = entry.first.Scalar();
       items.emplace_back(key, YamlValue(path_, key, entry.second));
+      if (!keys.insert(key).second) {
+        items.back().second.Throw("is there twice; remove one");
+      }
     }
   }
   return items;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "base/text.h"
 #include "base/text_lines.h"
 #include "mgsfm/base/error.h"
 
@@ -21,8 +22,11 @@ void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
 std::vector<std::string> ReadImageList(const std::string& path) {
   TextLines lines(path, "'" + path + "' (image_list_path)");
   std::vector<std::string> names;
-  while (lines.Next()) {
-    if (!lines.line().empty()) names.emplace_back(lines.line());
+  while (lines.NextContent()) {
+    names.emplace_back(lines.line());
+    if (const auto problem = WhyUnusable(names.back())) {
+      lines.Throw("the name " + *problem);
+    }
   }
   return names;
 }

@@ -12,6 +12,7 @@
 #include "io/files/image_limits.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
+#include "scene/intrinsics_check.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -36,6 +37,10 @@ void CheckValues(const ImportedModel& imported, const fs::path& path) {
     ThrowIf(WhyUnusable(image.name), path, "the name of " + label);
     ThrowIf(WhyImplausible(image.cam_from_world), path, "the pose of " + label);
     ThrowIf(WhyImplausible(image.camera), path, "the camera of " + label);
+    const auto problem = FindIntrinsicsProblem(image.camera);
+    ThrowIf(problem && problem->is_certain ? std::optional(problem->text)
+                                           : std::nullopt,
+            path, "the camera of " + label);
   }
   for (size_t i = 0; i < imported.points.size(); ++i) {
     const ImportedPoint& point = imported.points[i];
@@ -163,7 +168,8 @@ Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
                 "'; give the folder of the images (image_path)");
   }
   const fs::path file = image_path / image_name;
-  if (!fs::exists(file)) {
+  std::error_code ignored;  // of names that are too long
+  if (!fs::exists(file, ignored)) {
     throw Error("image '" + Printable(image_name) + "' of '" + path.string() +
                 "' is not in the folder '" + image_path.string() +
                 "'; give the folder that the names of images start from "

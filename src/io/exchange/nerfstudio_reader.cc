@@ -15,6 +15,7 @@
 #include "io/exchange/import_formats.h"
 #include "io/exchange/imported_model.h"
 #include "io/exchange/ply.h"
+#include "io/files/json_reading.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -282,13 +283,14 @@ Camera ReadCamera(const TransformsFrame& frame, const Eigen::Vector2i& size) {
 }
 
 Json ReadJson(const fs::path& path) {
-  const Json json = Json::parse(ReadFile(path), nullptr, false);
+  const Json json =
+      ParseJson(ReadFile(path), "'" + path.string() + "' (transforms.json)");
   const bool has_frames =
       json.is_object() && json.contains("frames") && json["frames"].is_array();
   if (!has_frames) {
     throw Error("'" + path.string() +
-                "' is not a transforms.json: it is not JSON, or has no list "
-                "'frames'; write it again");
+                "' is not a transforms.json: it has no list 'frames'; write it "
+                "again");
   }
   return json;
 }

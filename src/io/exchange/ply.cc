@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/exchange/ply.h"
 
+#include <algorithm>
+#include <charconv>
 #include <cstring>
 #include <limits>
 #include <optional>
@@ -34,6 +36,14 @@ bool SkipsWord(const std::string& word, TextInput* words) {
   return *words >> next && next == word;
 }
 
+bool ReadCount(TextInput* words, uint64_t* count) {
+  std::string word;
+  *words >> word;
+  const char* end = word.data() + word.size();
+  const auto [parsed_end, error] = std::from_chars(word.data(), end, *count);
+  return error == std::errc() && parsed_end == end;
+}
+
 PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
   PlyHeader header;
   TextInput lines(file);
@@ -51,7 +61,7 @@ PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
       words >> word;
       if (!is_in_vertex && word != "vertex") break;
       is_in_vertex = word == "vertex";
-      if (is_in_vertex) words >> header.num_vertices;
+      if (is_in_vertex && !ReadCount(&words, &header.num_vertices)) break;
     } else if (word == "property" && is_in_vertex) {
       header.types.emplace_back();
       header.names.emplace_back();
@@ -98,15 +108,32 @@ const PlyType& FindType(const std::string& name, const fs::path& path) {
   Throw(path, "has a property of the type '" + Printable(name) + "'");
 }
 
-void SetProperty(const std::string& name, double value, ImportedPoint* point) {
+constexpr std::string_view kColors[] = {"red", "green", "blue"};
+
+void SetProperty(const std::string& name, double value,
+                 Eigen::Vector3d* position, Eigen::Vector3d* color) {
   constexpr std::string_view kAxes[] = {"x", "y", "z"};
-  constexpr std::string_view kColors[] = {"red", "green", "blue"};
   for (int k = 0; k < 3; ++k) {
-    if (name == kAxes[k]) point->point_in_world[k] = value;
-    if (name == kColors[k] && value >= 0.0 && value <= 255.0) {
-      point->color[k] = static_cast<uint8_t>(value);
-    }
+    if (name == kAxes[k]) (*position)[k] = value;
+    if (name == kColors[k]) (*color)[k] = value;
   }
+}
+
+// Colours that are not integers are from 0 to 1, unless one is larger.
+double ScaleOfColors(const PlyHeader& header,
+                     const std::vector<Eigen::Vector3d>& colors) {
+  for (size_t i = 0; i < header.names.size(); ++i) {
+    const bool is_float =
+        header.types[i] == "float" || header.types[i] == "float32" ||
+        header.types[i] == "double" || header.types[i] == "float64";
+    if (header.names[i] != kColors[0] || !is_float) continue;
+    double max = 0.0;
+    for (const Eigen::Vector3d& color : colors) {
+      max = std::max(max, color.maxCoeff());
+    }
+    return max <= 1.0 ? 255.0 : 1.0;
+  }
+  return 1.0;
 }
 
 // The values of a vertex, one after another.
@@ -181,13 +208,25 @@ std::vector<ImportedPoint> ReadPly(const fs::path& path) {
   const PlyHeader header = ReadHeader(file, path);
   VertexReader values(file, header, path);
   std::vector<ImportedPoint> points;
+  std::vector<Eigen::Vector3d> colors;
   for (uint64_t i = 0; i < header.num_vertices; ++i) {
-    ImportedPoint point;
+    points.emplace_back();
+    colors.emplace_back(Eigen::Vector3d::Zero());
     for (size_t k = 0; k < header.names.size(); ++k) {
-      SetProperty(header.names[k], values.Next(k), &point);
+      SetProperty(header.names[k], values.Next(k),
+                  &points.back().point_in_world, &colors.back());
     }
-    points.push_back(std::move(point));
     if (header.names.empty()) Throw(path, "has points without coordinates");
+  }
+  const double scale = ScaleOfColors(header, colors);
+  for (size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Array3d color = (scale * colors[i].array()).round();
+    if (!(color >= 0.0 && color <= 255.0).all()) {
+      Throw(path, "has a colour out of the range from 0 to 255");
+    }
+    for (int k = 0; k < 3; ++k) {
+      points[i].color[k] = static_cast<uint8_t>(color[k]);
+    }
   }
   return points;
 }

@@ -299,8 +299,9 @@ cv::Mat Decode(const std::string& file, int imread_flags) {
   return cv::imdecode(view, imread_flags);
 }
 
+constexpr double kMaxOfTwelveBits = 4095.0;
+
 bool UsesTwelveBits(const cv::Mat& pixels) {
-  constexpr double kMaxOfTwelveBits = 4095.0;
   double max = 0.0;
   if (pixels.depth() != CV_16U) return false;
   cv::minMaxLoc(pixels.reshape(1), nullptr, &max);
@@ -352,6 +353,15 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
                 "; remove it or convert it to JPEG or PNG");
   }
   return image;
+}
+
+cv::Mat DecodeForDisplay(const std::string& file, int imread_flags) {
+  DecodedImage image = DecodeImage(file, imread_flags, kDefaultMaxNumPixels);
+  if (!image.is_nearly_black) return image.pixels;
+  cv::Mat bright;
+  DecodeImage(file, imread_flags | cv::IMREAD_ANYDEPTH, kDefaultMaxNumPixels)
+      .pixels.convertTo(bright, CV_8U, 255.0 / kMaxOfTwelveBits);
+  return bright;
 }
 
 bool StaysInFolder(const std::string& name) {

@@ -43,6 +43,9 @@ struct DecodedImage {
 DecodedImage DecodeImage(const std::string& file, int imread_flags,
                          int64_t max_num_pixels);
 
+// The same for what people see: 12 bits in files of 16 fill the 8 bits.
+cv::Mat DecodeForDisplay(const std::string& file, int imread_flags);
+
 // Whether the name of an image, relative to the folder of images, stays in it.
 // Models come from others: their names must not select files elsewhere.
 bool StaysInFolder(const std::string& name);

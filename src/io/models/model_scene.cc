@@ -12,6 +12,7 @@
 #include "geometry/so3.h"
 #include "io/models/model_rig_poses.h"
 #include "io/models/model_tables.h"
+#include "io/models/observation_check.h"
 #include "io/models/rows_to_scene.h"
 #include "mgsfm/base/error.h"
 
@@ -127,6 +128,7 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
                           const SceneLoadingOptions& options,
                           const Context& context) {
   if (model.poses.images.empty()) ThrowModelError(folder, "it has no image");
+  CheckObservations(model, folder, context);
   const bool has_config = options.HasKnownRig();
   if (!has_config && *options.rig_name_rule == "auto" &&
       !options.PairsFramesByTime()) {

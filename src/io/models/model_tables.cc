@@ -34,9 +34,16 @@ class TableCheck {
   TableCheck(const PoseModel& poses, const fs::path& folder)
       : folder_(folder),
         max_distance_(kMaxContradiction * Extent(poses) + 1e-12) {
+    std::set<CameraId> cameras;
     for (const ModelRig& rig : poses.rigs) {
       for (const ModelSensor& sensor : rig.sensors) {
         sensor_from_rig_[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
+        if (cameras.insert(sensor.camera_id).second) continue;
+        throw Error("model '" + folder.string() + "': rig " +
+                    std::to_string(rig.id.value()) + " has camera " +
+                    std::to_string(sensor.camera_id.value()) +
+                    ", which it or another rig has already; write the model "
+                    "again with the program that made it");
       }
     }
     for (const ModelImage& image : poses.images) {

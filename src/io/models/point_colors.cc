@@ -22,10 +22,8 @@ cv::Mat ReadImage(const std::filesystem::path& path) {
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(path, ignored)) return {};
   try {
-    return DecodeImage(ReadFile(path),
-                       cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION,
-                       kDefaultMaxNumPixels)
-        .pixels;
+    return DecodeForDisplay(ReadFile(path),
+                            cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const Error&) {
     return {};
   }

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/nanoseconds.h"
+#include "base/text.h"
 #include "io/calibration/calibration_rigs.h"
 #include "io/rigs/frames_by_time.h"
 #include "io/rigs/image_name_times.h"
@@ -130,10 +131,9 @@ RigAssignment AssignRigs(const RigInput& input,
   return AssignByFolders(input, times, context);
 }
 
-// Intrinsics that no lens has are an error in a database and in what sets its
-// rigs. Those of a finished model can be the result of bundle adjustment.
+// Intrinsics that no lens has are an error.
 void CheckIntrinsics(const Scene& scene, const std::string& input_name,
-                     bool is_model, const Context& context) {
+                     const Context& context) {
   size_t num_more = 0;
   std::string warning;
   Mask is_checked(scene.cameras.size(), false);
@@ -144,7 +144,7 @@ void CheckIntrinsics(const Scene& scene, const std::string& input_name,
     if (!problem) continue;
     const std::string text = input_name + ": the camera of image '" +
                              image.name + "' " + problem->text;
-    if (problem->is_certain && !is_model) {
+    if (problem->is_certain) {
       throw Error(text + "; correct its intrinsics");
     }
     if (warning.empty()) {
@@ -197,6 +197,27 @@ void CheckKeypoints(const Scene& scene, const std::string& input_name,
                   " px; correct the size of the camera");
 }
 
+// Known poses define the unit, which counts as metres. Rigs on ships and trucks
+// are shorter than the bound; baselines in millimetres exceed it.
+void CheckRigLengths(const Scene& scene, const std::string& source,
+                     const Context& context) {
+  constexpr double kMaxLength = 30.0;
+  for (const Rig& rig : scene.rigs) {
+    double length = 0.0;
+    for (const int i : rig.sensor_idxs) {
+      const auto& pose = scene.sensors[i].sensor_from_rig;
+      if (pose) length = std::max(length, pose->Center().norm());
+    }
+    if (length <= kMaxLength) continue;
+    context.Warning("by " + source + ", a camera of the rig of '" +
+                    scene.sensors[rig.ref_sensor_idx].name + "' is " +
+                    FormatDouble(length, std::chars_format::general, 4) +
+                    " from the reference, which counts as metres; divide the "
+                    "translations by 1000 if they are in millimetres");
+    return;
+  }
+}
+
 }  // namespace
 
 SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
@@ -210,8 +231,11 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   SceneOfRows result;
   result.rig_source = assignment.source;
   result.scene = BuildScene(std::move(input), std::move(assignment), context);
-  CheckIntrinsics(result.scene, input_name, kind == "model", context);
+  CheckIntrinsics(result.scene, input_name, context);
   CheckKeypoints(result.scene, input_name, context);
+  if (kind != "model" || options.HasKnownRig()) {
+    CheckRigLengths(result.scene, result.rig_source, context);
+  }
   if (times) {
     for (size_t i = 0; i < times->times_ns.size(); ++i) {
       result.scene.images[i].timestamp_s =

@@ -75,8 +75,12 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
   while (lines.NextContent()) {
     std::vector<double> n;
     for (const std::string& field : SplitFields(lines.line(), ',')) {
+      if (field.empty() && n.size() >= kNumFields) continue;  // at the end
       const std::optional<double> number = ParseDouble(field);
-      if (!number) break;
+      if (!number) {
+        lines.Throw("has '" + Printable(field) +
+                    "' where a finite number should be");
+      }
       n.push_back(*number);
     }
     std::optional<Rigid3> pose;

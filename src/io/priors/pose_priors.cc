@@ -13,8 +13,10 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "geometry/geodetic.h"
+#include "geometry/so3.h"
 #include "io/database/database_rows.h"
 #include "io/database/sqlite_snapshot.h"
+#include "io/files/json_reading.h"
 #include "io/files/output_file.h"
 #include "io/priors/named_vectors.h"
 #include "io/priors/trajectory_positions.h"
@@ -241,6 +243,16 @@ bool AreGps(const std::vector<Eigen::Vector3d>& positions, PositionKind kind,
   const bool is_far =
       box.center().head<2>().norm() > kMinDistanceRatio * extent;
   if (!is_in_range || !is_far) return false;
+  // In degrees, these are places in the Gulf of Guinea, far from any land.
+  const bool fits_radians = box.min().x() >= -0.5 * kPi &&
+                            box.max().x() <= 0.5 * kPi &&
+                            box.min().y() >= -kPi && box.max().y() <= kPi;
+  if (fits_radians) {
+    throw Error(source +
+                ": positions may be radians; convert them to degrees, or set "
+                "ref_is_gps to 1 if they are degrees, to 0 if they are "
+                "lengths");
+  }
   // Heights in metres differ by more than degrees do, lengths by less.
   const bool is_flat = box.sizes().z() <= extent;
   if (extent <= (is_flat ? kSmallExtentDeg : kMaxExtentDeg)) return true;
@@ -318,8 +330,9 @@ std::optional<Eigen::Vector3d> ReadGeoOrigin(const std::string& model_folder) {
   const std::filesystem::path path =
       std::filesystem::path(model_folder) / "geo_origin.json";
   if (!std::filesystem::exists(path)) return std::nullopt;
+  const nlohmann::json json = ParseJson(
+      ReadFile(path), "'" + path.string() + "'", "correct or delete it");
   try {
-    const nlohmann::json json = nlohmann::json::parse(ReadFile(path));
     const Eigen::Vector3d origin(json.at("latitude_deg").get<double>(),
                                  json.at("longitude_deg").get<double>(),
                                  json.at("altitude_m").get<double>());

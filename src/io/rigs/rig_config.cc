@@ -9,6 +9,7 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "io/files/json_reading.h"
 #include "io/files/output_file.h"
 #include "io/rigs/name_patterns.h"
 #include "io/rigs/rig_inference.h"
@@ -343,16 +344,7 @@ std::optional<std::string> FrameKeyOf(const RigConfigCamera& camera,
 
 std::vector<RigConfig> ReadRigConfig(const std::string& path) {
   const std::string text = ReadFile(path, "rig configuration '" + path + "'");
-  Json json;
-  try {
-    json = Json::parse(text);
-  } catch (const Json::exception& error) {
-    // Strips the name of the exception, "[json.exception.parse_error.101] ".
-    const std::string what = error.what();
-    const size_t bracket = what.find("] ");
-    throw Error("rig configuration '" + path + "' is not valid JSON: " +
-                what.substr(bracket == std::string::npos ? 0 : bracket + 2));
-  }
+  const Json json = ParseJson(text, "rig configuration '" + path + "'");
   if (!json.is_array() || json.empty()) {
     throw Error("rig configuration '" + path + "' is not an array of rigs" +
                 (json.is_array() ? ", as the names of images do not tell the "

@@ -55,6 +55,8 @@ class TableAssigner {
   void AddRig(const RigRow& rig);
   void AddFrame(const FrameRow& frame,
                 const std::map<ImageId, int>& image_of_id);
+  void CheckCamera(const FrameDataRow& data, int image,
+                   const std::string& frame) const;
   void CheckAllAssigned() const;
   // Names sensors by the first of these that is different for all of them: a
   // level of folders, a part of the images' names, their common start.
@@ -118,9 +120,27 @@ void TableAssigner::AddFrame(const FrameRow& row,
       Throw("image '" + input_.contents.images[image->second].name +
             "' is in two frames");
     }
+    CheckCamera(data, image->second, what);
     assignment_.sensor_of_image[image->second] = sensor->second;
     assignment_.frame_of_image[image->second] = frame;
   }
+}
+
+// COLMAP copies a camera that two sensors share, but not in its images.
+void TableAssigner::CheckCamera(const FrameDataRow& data, int image,
+                                const std::string& frame) const {
+  const Camera& of_image = input_.CameraOf(image);
+  const auto& cameras = input_.contents.cameras;
+  const auto of_frame = std::find_if(
+      cameras.begin(), cameras.end(),
+      [&](const Camera& camera) { return camera.id == data.camera_id; });
+  if (of_frame == cameras.end() || HaveEqualIntrinsics(*of_frame, of_image)) {
+    return;
+  }
+  Throw("image '" + input_.contents.images[image].name + "' is of camera " +
+        std::to_string(of_image.id.value()) + ", but in " + frame +
+        " of camera " + std::to_string(data.camera_id.value()) +
+        ", which has other intrinsics");
 }
 
 void TableAssigner::CheckAllAssigned() const {

@@ -9,6 +9,7 @@
 
 #include "base/grouped_warnings.h"
 #include "mgsfm/base/error.h"
+#include "scene/intrinsics_check.h"
 
 namespace mgsfm {
 namespace {
@@ -118,6 +119,7 @@ class SceneBuilder {
   void JoinCameras();
   void AddImage(int image);
   int AddCamera(int sensor);
+  void CheckAssignedIntrinsics(int sensor, const Camera& camera) const;
   CameraId UnusedCameraId() const;
 
   // The position of `key` in an array of the scene; `is_new` if it is the first
@@ -189,6 +191,22 @@ CameraId SceneBuilder::UnusedCameraId() const {
   return CameraId(max_id + 1);
 }
 
+// Intrinsics of images of another size are an error unless those of the input
+// have the same principal point, as images that were cropped.
+void SceneBuilder::CheckAssignedIntrinsics(int sensor,
+                                           const Camera& camera) const {
+  const auto problem = FindIntrinsicsProblem(camera);
+  if (!problem) return;
+  const auto of_input =
+      FindIntrinsicsProblem(input_.contents.cameras[camera_of_sensor_[sensor]]);
+  const bool is_contradicted =
+      problem->is_of_other_size && !(of_input && of_input->is_of_other_size);
+  if (!problem->is_certain && !is_contradicted) return;
+  Throw("camera '" + assignment_.sensors[sensor].name + "' of " +
+        assignment_.source + ' ' + problem->text +
+        "; give the intrinsics of images of this size");
+}
+
 int SceneBuilder::AddCamera(int sensor) {
   const RigAssignment::Sensor& assigned = assignment_.sensors[sensor];
   bool is_new = false;
@@ -202,6 +220,7 @@ int SceneBuilder::AddCamera(int sensor) {
     camera.model = *assigned.camera_model;
     camera.params = assigned.camera_params;
     camera.has_prior_focal_length = true;
+    CheckAssignedIntrinsics(sensor, camera);
   }
   const bool id_is_taken =
       std::any_of(scene_.cameras.begin(), scene_.cameras.end(),

@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace mgsfm {
+
+// Throws Error, "`what` is not valid JSON: ...; `remedy`", or naming a key that
+// an object has twice, of which libraries keep the last one.
+nlohmann::json ParseJson(const std::string& text, const std::string& what,
+                         const std::string& remedy = "correct it");
+
+}  // namespace mgsfm

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where a model says a thing twice, a change of one of them is refused."""
+import subprocess
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def text_model(mgsfm, drive, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("text")
+    mgsfm("model_converter", "--input_path", drive / "truth", "--output_path",
+          folder, "--output_type", "txt")
+    return folder
+
+
+def changed(word):
+    """Another number of the same kind."""
+    return repr(float(word) + 0.1) if "." in word else str(int(word) + 1)
+
+
+# Per file: which content line, and which of its words the other files repeat.
+REDUNDANT = [
+    ("rigs", 0, range(7, 14)),  # the pose of the second camera
+    ("rigs", 0, [0, 3, 5]),  # ids of the rig and of its cameras
+    ("frames", 1, range(2, 9)),  # its pose
+    ("frames", 1, [1, 11, 12, 14, 15]),  # ids of rig, cameras and images
+    ("images", 4, range(1, 8)),  # its pose
+    ("images", 4, [0, 8]),  # ids of image and camera
+    ("images", 5, [2]),  # the point of a keypoint
+    ("points3D", 3, [8, 9]),  # image and keypoint of an observation
+]
+
+
+@pytest.mark.parametrize("name, line, columns", REDUNDANT)
+def test_changes_are_refused(request, text_model, tmp_path, name, line,
+                             columns):
+    program = request.config.getoption("--program").resolve()
+    path = text_model / f"{name}.txt"
+    original = path.read_text()
+    lines = original.split("\n")
+    content = [i for i, text in enumerate(lines) if text[:1] != "#"]
+    for column in columns:
+        words = lines[content[line]].split()
+        words[column] = changed(words[column])
+        path.write_text("\n".join([*lines[:content[line]], " ".join(words),
+                                   *lines[content[line] + 1:]]))
+        done = subprocess.run(
+            [program, "model_converter", "--input_path", text_model,
+             "--output_path", tmp_path / "out"], capture_output=True,
+            text=True, check=False)
+        path.write_text(original)
+        assert done.returncode == 1, (column, words[column])
+        assert not (tmp_path / "out").exists()
