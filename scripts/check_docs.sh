@@ -1,9 +1,10 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Fails if docs/reference/options.md is stale, if a document names a command,
-# option or value that the program lacks, or if a relative link in a Markdown
-# file leads nowhere. Needs the program in build/release. The test docs runs the
-# commands and checks of the pages.
+# option or value that the program lacks, if a relative link in a Markdown file
+# leads nowhere, if code and documents name what does not exist, or if the results
+# or the architecture have grown beyond a short read. Needs the program in
+# build/release. The test docs runs the commands and checks of the pages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -23,4 +24,65 @@ git ls-files --cached --others --exclude-standard '*.md' |
   done
   [ "$num_broken" = 0 ]
 }
-echo "options and links are up to date"
+
+# Pages that comments name, and constants that the table of constants names.
+grep -rhoE 'docs/[a-z_/]+\.md' src include apps tests bench cmake scripts experiments |
+  sort -u | while read -r page; do
+  [ -e "$page" ] || { echo "comments name $page, which does not exist" >&2; exit 1; }
+done
+grep -oE '`k[A-Z][A-Za-z_]+`' docs/results/constants.md | tr -d '`' | sort -u |
+  while read -r name; do
+    grep -rqwE "(constexpr|const) .*$name" src apps include || {
+      echo "docs/results/constants.md names $name, which does not exist" >&2
+      exit 1
+    }
+  done
+if [ "$(cat docs/results/*.md | wc -l)" -gt 800 ]; then
+  echo 'docs/results has more than 800 lines' >&2
+  exit 1
+fi
+
+# The table of modules: the same modules as check_layers.sh has, each with a
+# folder, and entries that their headers declare.
+page=docs/development/architecture.md
+modules() { sort -u | tr '\n' ' '; }
+in_page=$(grep -oE '^\| [a-z]+ \| `[a-z_]+`' "$page" | grep -oE '[a-z_]+`' | tr -d '`' | modules)
+in_layers=$(sed -n "/^table='/,/^'/p" scripts/check_layers.sh |
+  grep -oE '^[a-z_]+:' | tr -d : | modules)
+in_code=$(find src -name CMakeLists.txt -exec grep -lE 'mgsfm_add_module' {} + |
+  sed 's|/CMakeLists.txt||; s|.*/||' | modules)
+if [ "$in_page" != "$in_layers" ] || [ "$in_page" != "$in_code" ]; then
+  printf '%s\n' "modules of $page: $in_page" "of check_layers.sh: $in_layers" \
+    "of src: $in_code" >&2
+  exit 1
+fi
+grep -E '^\| [a-z]+ \| `[a-z_]+`' "$page" | while IFS='|' read -r _ _ module _ entry _; do
+  module=$(echo "$module" | tr -d ' \`')
+  entry=$(echo "$entry" | tr -d ' \`')
+  find src include -path "*/$module/*.h" -print0 |
+    xargs -0 grep -qE "(struct|class|enum class|using) $entry\b|\b$entry\(" || {
+    echo "$page: no header of $module declares $entry" >&2
+    exit 1
+  }
+done
+if [ "$(wc -l <"$page")" -gt 120 ]; then
+  echo "$page has more than 120 lines, two screens" >&2
+  exit 1
+fi
+
+# Every file that names the version, and every folder of the repository.
+version=$(sed -nE 's/^project\(mgsfm VERSION ([0-9.]+).*/\1/p' CMakeLists.txt)
+for file in CITATION.cff vcpkg.json packaging/conda/meta.yaml CHANGELOG.md; do
+  grep -qE "(version|^##).* \"?${version//./\\.}\"?" "$file" || {
+    echo "$file does not name the version of CMakeLists.txt, $version" >&2
+    exit 1
+  }
+done
+git ls-files | grep -oE '^[^/]+/' | sort -u | while read -r folder; do
+  grep -q "\`$folder" CONTRIBUTING.md || {
+    echo "the map in CONTRIBUTING.md lacks $folder" >&2
+    exit 1
+  }
+done
+
+echo "options, links and names are up to date"

@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-// Upper bounds of the peaks in docs/results/submaps.md.
+// Upper bounds of the peaks in docs/results/constants.md.
 constexpr double kProgramMib = 80.0;
 constexpr double kBytesPerKeypoint = 60.0;
 constexpr double kBytesPerMatch = 100.0;
@@ -19,7 +19,7 @@ constexpr double kBytesPerMatch = 100.0;
 constexpr double kOverlapFactor = 1.1;
 // The fastest adjustment of joined models, and constants below that do not
 // follow from the size of their types, are measured in
-// docs/results/submaps.md#join-in-a-quarter-of-the-memory.
+// docs/results/constants.md.
 constexpr double kBytesPerKeypointOfFastest = 10.0;
 constexpr double kBytesPerObservationOfFastest = 260.0;
 constexpr double kBytesPerMib = 1024.0 * 1024.0;
@@ -35,13 +35,13 @@ struct StageBytes {
 };
 // Triangulation: keypoints; a track and a candidate; a new point with its track
 // as a block of memory, its old position and the indices of both; images as
-// measured in docs/results/submaps.md#join-in-a-quarter-of-the-memory.
+// measured in docs/results/constants.md.
 constexpr StageBytes kTriangulation = {8.0, 16.0, 140.0, 2400.0, 0.0, 0.0};
 // Solves: a pixel, an image and a flag; two positions and three indices. An
 // image has two poses more. Frames and the factor as measured there.
 constexpr StageBytes kSolve = {0.0, 11.0, 60.0, 3000.0, 2700.0, 330.0};
 // More neighbours hardly save products, fewer take far more
-// (docs/results/submaps.md#join-in-little-memory).
+// (docs/results/constants.md).
 constexpr int kMaxNumNeighbours = 64;
 constexpr int kMinNumNeighbours = 12;
 

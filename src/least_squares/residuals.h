@@ -31,7 +31,7 @@ struct PixelResidual {
 
   // The function of the most common camera model, inlined. As a call, it
   // takes a fifth of a join in little memory, as its results pass through
-  // memory (docs/results/submaps.md#join-in-a-quarter-of-the-memory).
+  // memory (docs/results/constants.md).
   static MGSFM_ALWAYS_INLINE bool ProjectByPinhole(const double* params,
                                                    const double* x,
                                                    const Scalar* measured,

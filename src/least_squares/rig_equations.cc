@@ -17,10 +17,10 @@ namespace mgsfm {
 namespace {
 
 // Inexact steps converge almost as fast as exact ones. A step takes 17 products
-// on average (docs/results/design_measurements.md).
+// on average (docs/results/constants.md).
 constexpr double kConjugateGradientTolerance = 1e-2;
 // As many steps with half of the products, which take longer then
-// (docs/results/submaps.md#join-in-little-memory).
+// (docs/results/constants.md).
 constexpr double kConjugateGradientToleranceIfCompact = 2e-1;
 constexpr int kMaxNumConjugateGradients = 500;  // as in Ceres
 // Sections of the values of the reduced matrix; chunks are merged into several

@@ -22,7 +22,7 @@ namespace {
 constexpr int kMaxSizeOfBorder = 200;
 constexpr int kImagesOfBorderBlock = 64;
 // The largest factor of the direct solver: 1.6 GB, and about the operations of
-// the 17 products per step that docs/results/design_measurements.md counts.
+// the 17 products per step that docs/results/constants.md counts.
 constexpr double kMaxFactorEntries = 2e8;
 constexpr double kMinAffordableFlops = 4e9;  // some 0.1 s of one core
 constexpr double kAffordableFlopsPerObservation = 2e4;

@@ -16,7 +16,7 @@ constexpr size_t kMaxNumPairsOfWord = 4;
 // Bounds the quadratic cost of spatial verification.
 constexpr size_t kMaxNumPairs = 256;
 // A similarity only approximates the change of perspective; see word_index.h.
-// Precision and recall with these values: docs/results/front_end.md.
+// Precision and recall with these values: docs/results/constants.md.
 constexpr float kMaxDistance = 0.05f;  // relative to the diagonal
 constexpr float kMaxLog2Scale = 1.0f;
 constexpr float kMaxRotationRad = 0.5236f;  // 30 degrees

@@ -23,7 +23,7 @@ void InPlaceCholesky::Analyze(std::vector<int> column_begin,
   common.postorder = 0;
   common.supernodal = CHOLMOD_SUPERNODAL;
   // Supernodes of equal rows only. CHOLMOD would join more, which takes 13 %
-  // more values and no less time (docs/results/submaps.md).
+  // more values and no less time (docs/results/constants.md).
   for (int i = 0; i < 3; ++i) {
     common.nrelax[i] = 0;
     common.zrelax[i] = 0.0;

@@ -19,7 +19,7 @@ struct JoinOptions {
   // Three points determine the similarity. A wrong point agrees with it by
   // chance with a probability of about 1e-4, so that seven more do not. A loop
   // of 29 right points halves the error of 08, stereo
-  // (docs/results/submaps.md#join-in-a-quarter-of-the-memory).
+  // (docs/results/constants.md).
   Option<int> min_num_loop_points{
       "min_num_loop_points", 10, AtLeast(3), "points",
       "Minimum number of points that matches between two sub-maps without "

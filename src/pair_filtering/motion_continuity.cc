@@ -24,7 +24,7 @@ using Eigen::Vector3d;
 // A step is ambiguous if the odds of another motion exceed 1 to 20.
 constexpr double kMinMargin = 3.0;
 // Pairs of neighbours bridge fewer steps. 28 of 450 groups of ambiguous steps
-// on 200 drives were larger (docs/results/hard_drives.md).
+// on 200 drives were larger (docs/results/constants.md).
 constexpr size_t kMinNumAmbiguous = 3;
 // At most this many steps between those of a group.
 constexpr size_t kMaxNumBetween = 2;

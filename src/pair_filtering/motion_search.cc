@@ -25,7 +25,7 @@ constexpr double kSkipCost = 4.0;
 constexpr double kShareWeight = 0.5;
 // Weight of the logarithm of the relative reach. On eight drives, 38 steps are
 // unknown with 1 and 12 with 2 or 3, and 20 are wrong with each
-// (docs/results/hard_drives.md).
+// (docs/results/constants.md).
 constexpr double kNearnessWeight = 2.0;
 // A step without a distance fits any speed, so that one with a distance that
 // continues the motion must be preferred.
@@ -37,7 +37,7 @@ constexpr double kNeverSkip = 1e4;
 constexpr double kLossScale = 30.0;
 // Motions are different beyond this many tolerances. With 1.5 and 3, 79 and 50
 // instead of 64 % of the wrong steps of 200 drives had a margin below 3, and
-// 1.9 and 1.0 instead of 1.3 % of the right ones (docs/results/hard_drives.md).
+// 1.9 and 1.0 instead of 1.3 % of the right ones (docs/results/constants.md).
 constexpr double kDistinct = 2.0;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 

@@ -17,7 +17,7 @@ namespace {
 
 // The shortest revisit in reaches of pairs of neighbours: a structure is
 // visible within one reach before and one after its frame.
-// docs/results/hard_drives.md#revisits has the lengths of revisits and of
+// docs/results/constants.md has the lengths of revisits and of
 // duplicate structures.
 constexpr int kMinRevisit = 2;
 // A share of the reach, which bridges missing images or matches.

@@ -14,7 +14,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// docs/results/hard_drives.md shows turns of sound and of turned steps.
+// docs/results/constants.md shows turns of sound and of turned steps.
 constexpr double kMinTurn_rad = DegToRad(1.0);
 
 std::optional<Vector3d> DeviationInWorld(const Scene& scene,

@@ -40,7 +40,7 @@ constexpr double kRefinedError_rad = 2e-3;
 // An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
-// needs more. docs/results/hard_drives.md compares 5 to 15 on weak drives.
+// needs more. docs/results/constants.md compares 5 to 15 on weak drives.
 constexpr int kMinNumPredicted = 8;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;

@@ -232,7 +232,7 @@ TEST_F(MapperCommand, GravityThatIsNoneIsRefused) {
 }
 
 // A processor without AVX2 and FMA runs these kernels
-// (docs/development/architecture.md).
+// (docs/guides/reproducibility.md).
 TEST_F(MapperCommand, PortableKernelsGiveTheSameModel) {
   ASSERT_EQ(Map().exit_code, 0);
   fs::rename(Out(), Path("fast"));
