@@ -71,13 +71,13 @@ def test_euroc_key_frames_without_calibration(mgsfm, recording, evaluate,
     calibrations = [data / "calib" / camera / "sensor.yaml"
                     for camera in ("cam0", "cam1")]
     # A quarter of the error of COLMAP 3.8, 2.8 %.
-    focal_lengths = report["models"][0]["focal_lengths"]
-    for calibration, estimate in zip(calibrations, focal_lengths, strict=True):
+    lenses = report["models"][0]["lenses"]
+    for calibration, estimate in zip(calibrations, lenses, strict=True):
         fx, fy = map(float, re.search(
             r"^intrinsics: \[([\d.]+), ([\d.]+),", calibration.read_text(),
             re.M).groups())
         truth = (fx + fy) / 2
-        assert abs(estimate["estimated_px"] / truth - 1) <= 0.007
+        assert abs(estimate["focal_length_px"] / truth - 1) <= 0.007
     errors = evaluate(tmp_path / "sparse" / "0", gt_format="tum",
                       gt_path=data / "gt_cam0.tum", reference="cam0",
                       calib_path=",".join(map(str, calibrations)))
