@@ -420,7 +420,8 @@ Json ToJson(const Scene& scene, const RigDelays& delays) {
          {"delay", camera.delay},
          {"sigma", camera.sigma},
          {"is_certain", camera.is_certain},
-         {"overdispersion", camera.overdispersion}});
+         {"overdispersion", camera.overdispersion},
+         {"overdispersion_of_points", camera.overdispersion_of_points}});
   }
   return json;
 }

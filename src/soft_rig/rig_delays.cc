@@ -113,11 +113,11 @@ RigScores WithoutDelays(RigScores scores) {
 
 // The factor by which the variance of the pose of a sensor exceeds that of
 // independent residuals, in the mean over its coordinates.
-double Overdispersion(const MatrixXd& jackknife, const MatrixXd& independent,
+double Overdispersion(const MatrixXd& actual, const MatrixXd& independent,
                       Eigen::Index first) {
   return independent.block<6, 6>(first, first)
              .ldlt()
-             .solve(jackknife.block<6, 6>(first, first))
+             .solve(actual.block<6, 6>(first, first))
              .trace() /
          6.0;
 }
@@ -156,15 +156,16 @@ VectorXd NewtonStep(const RigScores& scores) {
          scores.efficiency;
 }
 
-MatrixXd IndependentCovariance(const RigScores& scores) {
+// The covariance of the columns by that of the sum of all scores.
+MatrixXd CovarianceBy(const MatrixXd& noise, const RigScores& scores) {
   const MatrixXd inverse = Invert(scores.information) / scores.efficiency;
-  return inverse * scores.noise * inverse;
+  return inverse * noise * inverse;
 }
 
 // Whether independent residuals would show a delay.
 bool MayBeDelayed(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
-  const MatrixXd covariance = IndependentCovariance(scores);
+  const MatrixXd covariance = CovarianceBy(scores.noise, scores);
   for (Eigen::Index k = kColumns - 1; k < step.size(); k += kColumns) {
     if (std::abs(step[k]) > kMinSigmas * std::sqrt(covariance(k, k))) {
       return true;
@@ -179,7 +180,8 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
   const MatrixXd covariance = Jackknife(scores);
   const RigScores poses = WithoutDelays(rigid);
   const MatrixXd of_poses = Jackknife(poses);
-  const MatrixXd independent = IndependentCovariance(poses);
+  const MatrixXd by_points = CovarianceBy(poses.noise_of_points, poses);
+  const MatrixXd independent = CovarianceBy(poses.noise, poses);
   const VectorXd step = NewtonStep(scores);
   std::vector<CameraDelay> cameras;
   for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
@@ -194,6 +196,8 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
                   static_cast<double>(scores.scores.cols()) - 1.0);
     camera.overdispersion =
         std::max(1.0, Overdispersion(of_poses, independent, first));
+    camera.overdispersion_of_points =
+        std::max(1.0, Overdispersion(by_points, independent, first));
     cameras.push_back(camera);
   }
   return cameras;
@@ -286,7 +290,8 @@ void AddRigErrors(const Scene& scene, const Reconstruction& model,
     factor = std::max(factor, camera.overdispersion);
     add(DeviationOf(*delays.delayed.sensor_from_rig[i],
                     *model.sensor_from_rig[i]),
-        &covariances->sensors[i], camera.overdispersion);
+        &covariances->sensors[i],
+        std::max(camera.overdispersion, camera.overdispersion_of_points));
   }
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     const double factor = factor_of_rig[scene.frames[f].rig_idx];

@@ -38,7 +38,8 @@ struct FrameTimes {
     const Context& context);
 
 // Adds to covariances of the rigid model what its residuals show: the
-// overdispersion, and the errors by delays that the model does not have.
+// overdispersion of blocks, for sensors also that of points if it is larger,
+// and the errors by delays that the model does not have.
 void AddRigErrors(const Scene& scene, const Reconstruction& model,
                   const RigDelays& delays, CovarianceResult* covariances);
 

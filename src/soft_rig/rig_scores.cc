@@ -43,7 +43,7 @@ struct Linearized {
 
 // Sums over the points of a part.
 struct Sums {
-  MatrixXd rhs, scores, noise;
+  MatrixXd rhs, scores, noise, noise_of_points;
   std::vector<MatrixXd> information;  // per block
   double weight = 0.0, squared_weight = 0.0;
 };
@@ -171,6 +171,7 @@ Sums ScoreBuilder::Sum(const Sums& zero, const Add& add) const {
     }
     parts[0].scores += parts[part].scores;
     parts[0].noise += parts[part].noise;
+    parts[0].noise_of_points += parts[part].noise_of_points;
     parts[0].weight += parts[part].weight;
     parts[0].squared_weight += parts[part].squared_weight;
   }
@@ -235,6 +236,7 @@ void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
   }
   RemovePoint(observations, &e);
   const auto columns = e.leftCols(num_columns_);
+  VectorXd of_point = VectorXd::Zero(num_columns_);
   for (size_t i = 0; i < observations.size(); ++i) {
     const Linearized& o = observations[i];
     const int block = rig_.block_of_frame[built_.frame_idxs[o.frame]];
@@ -244,11 +246,13 @@ void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
     sums->information[block].selfadjointView<Eigen::Lower>().rankUpdate(
         rows.transpose());
     sums->scores.col(block) += score;
+    of_point += score;
     sums->noise.selfadjointView<Eigen::Lower>().rankUpdate(score);
     sums->weight += o.weight;
     // The derivative of the loss of Cauchy, averaged over both directions.
     sums->squared_weight += o.weight * o.weight;
   }
+  sums->noise_of_points.selfadjointView<Eigen::Lower>().rankUpdate(of_point);
 }
 
 bool ScoreBuilder::Build(RigScores* result) {
@@ -260,7 +264,7 @@ bool ScoreBuilder::Build(RigScores* result) {
   const int num_blocks = 1 + *std::max_element(rig_.block_of_frame.begin(),
                                                rig_.block_of_frame.end());
   const Sums zero{MatrixXd::Zero(s.num_unknowns, num_columns_ + 1),
-                  MatrixXd::Zero(num_columns_, num_blocks), square,
+                  MatrixXd::Zero(num_columns_, num_blocks), square, square,
                   std::vector<MatrixXd>(num_blocks, square)};
   solution_ = Sum(zero, [&](const auto& observations, Sums* sums) {
                 AddRhs(observations, sums);
@@ -276,6 +280,8 @@ bool ScoreBuilder::Build(RigScores* result) {
     result->information += result->block_information.back();
   }
   result->noise = sums.noise.selfadjointView<Eigen::Lower>();
+  result->noise_of_points =
+      sums.noise_of_points.selfadjointView<Eigen::Lower>();
   result->scores = sums.scores;
   result->efficiency = sums.squared_weight / sums.weight;
   result->frame_idxs = built_.frame_idxs;

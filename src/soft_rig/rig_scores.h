@@ -38,6 +38,9 @@ struct RigScores {
   // The sum over observations of what s_b s_b^T is for a block: the covariance
   // of the scores if observations are independent.
   Eigen::MatrixXd noise;
+  // The same with the scores of a point summed first: its observations may err
+  // alike, as those of a rig that stands do.
+  Eigen::MatrixXd noise_of_points;
   // Per frame, the change of its pose in a step of least squares: the last
   // column, minus the others times the changes of the columns above.
   std::vector<Eigen::Matrix<double, 6, Eigen::Dynamic>> frame_response;

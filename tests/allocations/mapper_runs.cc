@@ -64,7 +64,7 @@ MapperRun UnknownFocalLengths() {
   for (Camera& camera : run.input.scene.cameras) {
     camera.has_prior_focal_length = false;
   }
-  run.options.focal_lengths.max_sigma = 0.2;  // from few views
+  run.options.focal_lengths.max_sigma = 0.4;  // from few views
   return run;
 }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/random.h"
 #include "bundle/bundle_fixtures.h"
 #include "soft_rig/rig_scores.h"
 #include "soft_rig/winding_drive.h"
@@ -81,8 +82,35 @@ TEST(RigDelaysTest, SynchronousCamerasAreNotLate) {
     for (const CameraDelay& camera : delays.cameras) {
       EXPECT_LT(std::abs(camera.delay), 5.0 * camera.sigma);
       EXPECT_LT(camera.overdispersion, 3.0);
+      EXPECT_LT(camera.overdispersion_of_points, 1.5);
     }
   }
+}
+
+// Every point has an error of its own in one camera, in all frames alike, as
+// the keypoints of a rig that hardly moves do.
+TEST(RigDelaysTest, CovariancesContainErrorsThatFramesShare) {
+  Simulation drive =
+      Simulate(DriveOptions(RigPreset::kStereo), WindingPath(40));
+  Random random(5);
+  for (const Point3D& point : drive.ground_truth.points) {
+    const Eigen::Vector2d error(random.Normal(), random.Normal());
+    for (const Observation& o : point.track) {
+      Image& image = drive.scene.images[o.image_idx];
+      if (image.sensor_idx == 1)
+        image.keypoints_px[o.keypoint_idx] += error.cast<float>();
+    }
+  }
+  const Reconstruction rigid = AdjustRigid(drive);
+  CovarianceResult covariances = ComputeCovariances(
+      drive.scene, rigid, BundleAdjustmentOptions(), Threads(2));
+  ASSERT_TRUE(covariances.is_usable);
+  const PoseMatrix before = *covariances.sensors[1];
+  const RigDelays delays = EstimateOf(drive, rigid, TimesOf(drive.scene));
+  ASSERT_FALSE(delays.AreCertain());
+  EXPECT_GT(delays.cameras[0].overdispersion_of_points, 2.0);
+  AddRigErrors(drive.scene, rigid, delays, &covariances);
+  EXPECT_GT(covariances.sensors[1]->trace(), 2.0 * before.trace());
 }
 
 // Images that deviate from their rig show no common delay, but vary more than

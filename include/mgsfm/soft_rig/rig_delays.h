@@ -18,6 +18,8 @@ struct CameraDelay {
   // The variance of the pose in the rig by blocks of frames, relative to that
   // of independent residuals.
   double overdispersion = 1.0;
+  // The same by points: the observations of one may err alike in all frames.
+  double overdispersion_of_points = 1.0;
 };
 
 // What the residuals of an adjusted model tell of the synchronism and the
