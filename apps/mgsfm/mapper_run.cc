@@ -150,6 +150,16 @@ void KeepGeoOrigin(const std::filesystem::path& input_path,
   }
 }
 
+RunDescription DescribeInput(const MapperRun& run, const Context& context) {
+  RunDescription description;
+  description.version = Version();
+  description.database_path = run.database_path;
+  description.input_path = run.input_path;
+  description.options_json = run.options_json;
+  description.random_seed = context.random_seed;
+  return description;
+}
+
 }  // namespace
 
 void CheckImagePath(const std::string& image_path) {
@@ -226,12 +236,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   ResolveBaseline(run.baseline, &resolved);
   context.Debug("reading started");
   StagedOutput output(run.output_path);
-  RunDescription description;
-  description.version = Version();
-  description.database_path = run.database_path;
-  description.input_path = run.input_path;
-  description.options_json = run.options_json;
-  description.random_seed = context.random_seed;
+  RunDescription description = DescribeInput(run, context);
 
   const StageTimer reading;
   LoadedInput input = LoadMapperInput(run, StartUse(), context);

@@ -371,10 +371,11 @@ void LogEdges(const SubMapFiles& files, const JoinedMaps& joined,
     const std::string numbers =
         Formatted("%.1f %% of the path and %.1f deg", 100.0 * *edge.drift,
                   *edge.rotation_error_deg);
-    context.Warning("the loop between " + maps +
-                    " is rejected: it contradicts "
-                    "the chain of sub-maps by " +
-                    numbers);
+    context.Warning(
+        std::string("the loop between ")
+            .append(maps)
+            .append(" is rejected: it contradicts the chain of sub-maps by ")
+            .append(numbers));
   }
   for (size_t i = 0; i < joined.conflicts.size(); ++i) {
     if (joined.conflicts[i].empty()) continue;

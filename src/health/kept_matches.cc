@@ -95,8 +95,7 @@ KeptMatches CountKeptMatches(const Scene& scene, const ViewGraph& view_graph,
   kept.sensors.resize(scene.sensors.size());
   kept.frames.resize(scene.frames.size());
   size_t first_match = 0;
-  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
-    const ImagePair& pair = view_graph.pairs[i];
+  for (const ImagePair& pair : view_graph.pairs) {
     KeptCount of_pair{pair.matches.size(), 0};
     for (size_t k = 0; k < pair.matches.size(); ++k) {
       of_pair.num_kept += selection.match_is_used[first_match + k];

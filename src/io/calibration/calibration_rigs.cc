@@ -19,6 +19,9 @@
 namespace mgsfm {
 namespace {
 
+// Cameras with a common trigger agree within it.
+constexpr double kMaxTriggerDifference_s = 1e-3;
+
 // The start of image names that may be those of a camera.
 struct Prefix {
   std::string outer;  // folders before it, "seq1/"
@@ -234,15 +237,13 @@ std::vector<RigConfig> MakeRigs(const RigInput& input,
 // Images that were not taken at the times of their names or stamps.
 void WarnOfTimeShifts(const std::vector<CalibratedCamera>& cameras,
                       const CameraMatcher& matcher, const Context& context) {
-  // Cameras with a common trigger agree within it.
-  constexpr double kMaxDifference_s = 1e-3;
   const CalibratedCamera* first = nullptr;
   for (size_t c = 0; c < cameras.size(); ++c) {
     const CalibratedCamera& camera = cameras[c];
     if (matcher.PrefixesOf(c).empty() || !camera.time_shift_s) continue;
     if (first == nullptr) first = &camera;
     const double late_s = *camera.time_shift_s - *first->time_shift_s;
-    if (std::abs(late_s) <= kMaxDifference_s) continue;
+    if (std::abs(late_s) <= kMaxTriggerDifference_s) continue;
     const std::string text = Formatted(
         "' is %.4g s %s relative to camera '%s' by "
         "timeshift_cam_imu; set SoftRig.method time_offset and "

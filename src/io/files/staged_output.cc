@@ -289,14 +289,14 @@ void StagedOutput::PrepareObsoleteModels() {
 
 void StagedOutput::Move(const fs::path& from, const fs::path& to) {
   operations_->Rename(from, to);
-  undo_.push_back([this, from, to] { operations_->Rename(to, from); });
+  undo_.emplace_back([this, from, to] { operations_->Rename(to, from); });
 }
 
 void StagedOutput::Place(const std::string& name) {
   const fs::path staged = New(work_) / name, target = base_ / name;
   if (!Exists(target)) return Move(staged, target);
   if (operations_->Exchange(staged, target)) {
-    undo_.push_back([=] { operations_->Exchange(staged, target); });
+    undo_.emplace_back([=] { operations_->Exchange(staged, target); });
     return;
   }
   Move(target, Old(work_) / name);
