@@ -159,8 +159,7 @@ Eigen::Vector2i ReadSize(const TransformsFrame& frame, const std::string& name,
   if (!width || !height) {
     return ReadSizeOfImage(input.image_path, name, input.path);
   }
-  const Eigen::Vector2i size(Pixels(frame, "w", *width),
-                             Pixels(frame, "h", *height));
+  Eigen::Vector2i size(Pixels(frame, "w", *width), Pixels(frame, "h", *height));
   for (const fs::path& file : PossibleFiles(input, name)) {
     const auto of_file = FindSizeOfImage(file);
     if (!of_file) continue;
@@ -219,7 +218,7 @@ std::string ReadModel(const TransformsFrame& frame) {
     frame.Throw("is_fisheye is not true or false");
   }
   const bool is_fisheye = flag != nullptr && flag->get<bool>();
-  const std::string model =
+  std::string model =
       frame.Text("camera_model", is_fisheye ? "OPENCV_FISHEYE" : "OPENCV");
   if (is_fisheye && model != "OPENCV_FISHEYE") {
     frame.Throw("is_fisheye contradicts the camera_model '" + Printable(model) +
@@ -283,7 +282,7 @@ Camera ReadCamera(const TransformsFrame& frame, const Eigen::Vector2i& size) {
 }
 
 Json ReadJson(const fs::path& path) {
-  const Json json =
+  Json json =
       ParseJson(ReadFile(path), "'" + path.string() + "' (transforms.json)");
   const bool has_frames =
       json.is_object() && json.contains("frames") && json["frames"].is_array();
