@@ -26,6 +26,9 @@
 namespace mgsfm {
 namespace {
 
+// Keypoints of features at the border of an image.
+constexpr float kBorderNoise_px = 1.0f;
+
 // Reads the rigs of a file or of a folder: of its rig_config.json or, if it has
 // none, of the sparse model there, which any program may have written.
 std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
@@ -163,14 +166,13 @@ void CheckIntrinsics(const Scene& scene, const std::string& input_name,
 // Whether more keypoints are outside of the camera's image than noise moves
 // across its border.
 bool HasKeypointsOutside(const Image& image, const Camera& camera) {
-  constexpr float kMargin_px = 1.0f;
   constexpr double kMaxShare = 0.05;
-  const float max_x = static_cast<float>(camera.width_px) + kMargin_px;
-  const float max_y = static_cast<float>(camera.height_px) + kMargin_px;
+  const float max_x = static_cast<float>(camera.width_px) + kBorderNoise_px;
+  const float max_y = static_cast<float>(camera.height_px) + kBorderNoise_px;
   const auto num_outside =
       std::count_if(image.keypoints_px.begin(), image.keypoints_px.end(),
                     [&](const Eigen::Vector2f& pixel) {
-                      return pixel.minCoeff() < -kMargin_px ||
+                      return pixel.minCoeff() < -kBorderNoise_px ||
                              pixel.x() > max_x || pixel.y() > max_y;
                     });
   return static_cast<double>(num_outside) >
