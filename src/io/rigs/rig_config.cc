@@ -99,7 +99,7 @@ class ObjectReader {
 Rigid3 ReadPose(const ObjectReader& object) {
   const std::vector<double> q = object.Numbers(kRotation, 4);
   const std::vector<double> t = object.Numbers(kTranslation, 3);
-  const Rigid3 pose = PoseOfFile({q[0], q[1], q[2], q[3]}, {t[0], t[1], t[2]});
+  Rigid3 pose = PoseOfFile({q[0], q[1], q[2], q[3]}, {t[0], t[1], t[2]});
   if (const auto problem = WhyImplausible(pose)) {
     object.Throw("has a pose that " + *problem);
   }
