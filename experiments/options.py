@@ -82,6 +82,17 @@ def add_threads(parser, default=None):
                         help="threads of each program")
 
 
+def add_study(parser, name):
+    """Options that the studies on simulated scenes share."""
+    parser.add_argument("--simulate_options", default="",
+                        help="further options of mgsfm simulate, in one word")
+    parser.add_argument("--output", type=pathlib.Path,
+                        default=REPOSITORY / "build" / name,
+                        help="folder of results")
+    add_threads(parser, 1)
+    add_program(parser)
+
+
 def add_dataset_options(parser, work):
     """The options that all drivers of data sets share.
 

@@ -29,7 +29,7 @@ package_packages=(
 )
 dev_packages=(
   ccache chromium clang-format clang-tidy colmap
-  python3-pytest python3-matplotlib python3-mypy
+  python3-pytest python3-matplotlib python3-mypy python3-pil python3-yaml
   doxygen libjs-katex mkdocs-material
   python3-ipykernel python3-nbclient python3-nbformat
 )

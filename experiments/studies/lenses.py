@@ -15,7 +15,7 @@ from experiments.studies import worlds
 WIDTH, HEIGHT = 1280, 800
 # Principal points are off by 3 % of the width.
 MARGIN = 0.06
-# What automatic_reconstructor tries for fisheyes.
+# The fields of view that automatic_reconstructor tries for fisheyes.
 FISHEYE_GUESSES_DEG = (120, 145, 170, 195, 220)
 # Angles of the cameras of a rig about its vertical axis.
 RIGS = {"mono": (0,), "stereo": (0, 0), "around": (0, 60, -60)}
@@ -89,13 +89,7 @@ def add_parser(subparsers):
     parser.add_argument("--num_frames", type=options.positive(int), default=100)
     parser.add_argument("--frame_rate", type=options.positive(float),
                         default=5.0)
-    parser.add_argument("--simulate_options", default="",
-                        help="further options of mgsfm simulate, in one word")
-    parser.add_argument("--output", type=pathlib.Path,
-                        default=options.REPOSITORY / "build/lenses",
-                        help="folder of results")
-    options.add_threads(parser, 1)
-    options.add_program(parser)
+    options.add_study(parser, "lenses")
 
 
 def run(arguments):

@@ -32,13 +32,7 @@ def add_parser(subparsers):
                             help="separated by commas")
     parser.add_argument("--sets", default="default=",
                         help="NAME=OPTIONS of mgsfm mapper, separated by ;")
-    parser.add_argument("--simulate_options", default="",
-                        help="further options of mgsfm simulate, in one word")
-    parser.add_argument("--output", type=pathlib.Path,
-                        default=options.REPOSITORY / "build/worlds",
-                        help="folder of results")
-    options.add_threads(parser, 1)
-    options.add_program(parser)
+    options.add_study(parser, "worlds")
 
 
 def run(arguments):

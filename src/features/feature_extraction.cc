@@ -308,7 +308,7 @@ class FeatureWriter {
   FeatureDatabase* database_;
   const Context& context_;
   std::map<std::string, ImageId> id_of_name_;
-  // By the key of a camera: the focal length in the tags of its first image.
+  // The focal length in the tags of the first image of each camera, by key.
   std::map<std::string, double> focal_length_px_of_key_;
   GroupedWarnings warnings_;
 };

@@ -197,7 +197,7 @@ std::vector<std::optional<BaselineLength>> MeasureLengths(
 }
 
 // Correspondences with depth are few and lie in the overlap of two cameras,
-// where a motion looks like a turn, and noise of depths favours the turn. If
+// where a motion looks like a turn, and noise of depths favors the turn. If
 // the matches exclude no motion of a step, the one by the most matches of image
 // pairs replaces those of correspondences with depth that differ and that do
 // not explain more matches.
@@ -212,21 +212,25 @@ void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
     return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
                        h.later_from_earlier, strongest.later_from_earlier);
   };
-  const auto is_excluded = [&](const MotionHypothesis& h) {
-    return compare(h).share >= kContestingShare;
+  std::vector<MotionExclusion> exclusions;
+  for (const MotionHypothesis& h : *by_depth) exclusions.push_back(compare(h));
+  const auto is_excluded = [](const MotionExclusion& exclusion) {
+    return exclusion.share >= kContestingShare;
   };
-  if (std::any_of(by_depth->begin(), by_depth->end(), is_excluded) ||
-      std::any_of(of_pairs.begin(), of_pairs.end(), is_excluded)) {
+  if (std::any_of(exclusions.begin(), exclusions.end(), is_excluded) ||
+      std::any_of(of_pairs.begin(), of_pairs.end(),
+                  [&](const auto& h) { return is_excluded(compare(h)); })) {
     return;
   }
-  for (MotionHypothesis& motion : *by_depth) {
+  for (size_t i = 0; i < by_depth->size(); ++i) {
+    MotionHypothesis& motion = (*by_depth)[i];
     if (AreEqualMotions(
             {motion.later_from_earlier, motion.rotation_covariance,
              motion.center_covariance},
             {strongest.later_from_earlier, strongest.rotation_covariance,
              strongest.center_covariance},
             {}) ||
-        compare(motion).balance < 0) {
+        exclusions[i].balance < 0) {
       continue;
     }
     motion.later_from_earlier = strongest.later_from_earlier;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "pair_filtering/motion_candidates.h"
 #include "pair_filtering/rig_motions.h"
 
 namespace mgsfm {
@@ -37,11 +38,8 @@ double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
 }
 
 // The standard deviation along an error.
-double SigmaAlong(const Eigen::Matrix3d& covariance, const Vector3d& error) {
-  const double length = error.norm();
-  return length > 0.0
-             ? std::sqrt(std::max(0.0, error.dot(covariance * error))) / length
-             : 0.0;
+double SigmaAlong(const Matrix3d& covariance, const Vector3d& error) {
+  return std::sqrt(std::max(0.0, VarianceAlong(covariance, error)));
 }
 
 // Pairs support a motion if they are close to it.

@@ -21,16 +21,8 @@ namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::HasSubstr;
 
-class ModelTools : public testing::Test {
+class ModelTools : public CommandTest {
  protected:
-  std::string Path(const std::string& name) const {
-    return (dir_.path() / name).string();
-  }
-  CommandOutput Run(const std::string& arguments) const {
-    const CommandOutput output = RunMgsfm(arguments);
-    EXPECT_EQ(output.exit_code, 0) << arguments << output.err;
-    return output;
-  }
   // One line with the text; no file has changed.
   void ExpectRefused(const std::string& arguments,
                      const testing::Matcher<std::string>& message) const {
@@ -67,8 +59,6 @@ class ModelTools : public testing::Test {
     }
     WriteTextFile(Path(name), lines.str());
   }
-
-  const TempDir dir_;
 };
 
 void ExpectEqual(const PoseModel& a, const PoseModel& b) {

@@ -70,6 +70,21 @@ inline CommandOutput RunExecutable(const std::string& arguments) {
   return RunShell(MGSFM_EXECUTABLE " " + arguments);
 }
 
+// Runs commands that succeed, with a folder for their files.
+class CommandTest : public testing::Test {
+ protected:
+  std::string Path(const std::string& name) const {
+    return (dir_.path() / name).string();
+  }
+  CommandOutput Run(const std::string& arguments) const {
+    const CommandOutput output = RunMgsfm(arguments);
+    EXPECT_EQ(output.exit_code, 0) << arguments << output.err;
+    return output;
+  }
+
+  const TempDir dir_;
+};
+
 // Contents of all files below a folder, including hidden ones; links are not
 // followed.
 using Files = std::map<std::string, std::string>;

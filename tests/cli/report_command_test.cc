@@ -8,19 +8,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-class ReportCommandTest : public testing::Test {
- protected:
-  std::string Path(const std::string& name) const {
-    return (dir_.path() / name).string();
-  }
-  CommandOutput Run(const std::string& arguments) const {
-    const CommandOutput output = RunMgsfm(arguments);
-    EXPECT_EQ(output.exit_code, 0) << arguments << output.err;
-    return output;
-  }
-
-  const TempDir dir_;
-};
+using ReportCommandTest = CommandTest;
 
 TEST_F(ReportCommandTest, WritesFigures) {
   Run("report --input_path " + DemoTruth() + " --database_path " +

@@ -166,7 +166,7 @@ struct UnregisteredFrame {
   std::string reason;
 };
 
-// Where the focal length of a camera is from.
+// The source of the focal length of a camera.
 enum class LensSource {
   kGiven,       // a calibration
   kGuess,       // feature extraction, without knowledge

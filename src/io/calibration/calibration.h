@@ -27,7 +27,7 @@ struct CalibratedCamera {
   // The base is common to the cameras of a calibration: a body, a vehicle or
   // one of the cameras.
   std::optional<Rigid3> cam_from_base;
-  // What is added to the times of its images to get those of the base's clock.
+  // Added to the times of its images, gives times of the base's clock.
   std::optional<double> time_shift_s;
 };
 

@@ -184,8 +184,8 @@ std::optional<double> FocalLengthOfAngle(const TransformsFrame& frame,
   return 0.5 * side_px / std::tan(0.5 * *angle_rad);
 }
 
-// Of two statements of one focal length, that in pixels counts. Angles are of
-// perspective images.
+// A focal length in pixels takes precedence over an angle of view. Angles
+// describe perspective images.
 double ReadFocalLength(const TransformsFrame& frame, char axis, int side_px,
                        bool is_fisheye, std::optional<double> otherwise) {
   constexpr double kMaxMismatch = 1.01;

@@ -42,7 +42,7 @@ std::vector<fs::path> EntriesOf(const fs::path& folder) {
   return entries;
 }
 
-// What a link points to, so that it stays one.
+// The target of a link: the link itself is not replaced.
 fs::path FileBehind(const fs::path& path) {
   return fs::weakly_canonical(fs::absolute(path));
 }

@@ -243,7 +243,7 @@ bool AreGps(const std::vector<Eigen::Vector3d>& positions, PositionKind kind,
   const bool is_far =
       box.center().head<2>().norm() > kMinDistanceRatio * extent;
   if (!is_in_range || !is_far) return false;
-  // In degrees, these are places in the Gulf of Guinea, far from any land.
+  // Read as degrees, these numbers are places in the Gulf of Guinea.
   const bool fits_radians = box.min().x() >= -0.5 * kPi &&
                             box.max().x() <= 0.5 * kPi &&
                             box.min().y() >= -kPi && box.max().y() <= kPi;

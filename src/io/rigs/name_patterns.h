@@ -10,8 +10,9 @@ namespace mgsfm {
 // The names of the images of each camera.
 using NameGroups = std::vector<std::vector<std::string>>;
 
-// What the stars of a pattern stand for in a name, joined by '_'; nullopt if
-// the name does not fit. "IMG_0001_cam1.jpg" fits "IMG_*_cam1.jpg" with "0001".
+// The parts of a name that match the stars of a pattern, joined by '_'; nullopt
+// if the name does not fit. "IMG_0001_cam1.jpg" fits "IMG_*_cam1.jpg" with
+// "0001".
 std::optional<std::string> MatchNamePattern(const std::string& name,
                                             const std::string& pattern);
 
