@@ -18,6 +18,7 @@
 #include "mgsfm/io/models/model_scene.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "pipeline/covariance_report.h"
+#include "scene/observations.h"
 #include "tool_model.h"
 
 namespace mgsfm {
@@ -123,7 +124,7 @@ BundleResult Adjust(const ModelScene& input,
                         options.bundle_adjustment, context);
   }
   return RefineReconstruction(
-      input.scene, FixedCandidates(GroupTracks(input.reconstruction)),
+      input.scene, FixedCandidates(GroupTracks(input.reconstruction.points)),
       input.reconstruction, options.bundle_adjustment, context);
 }
 

@@ -41,8 +41,8 @@ struct ModelMergerOptions {
   Option<bool> refine{"refine", true, "With graph: adjust the joined models."};
   Option<int> max_memory_mib{
       "max_memory", 0, AtLeast(0), "MiB",
-      "With graph: adjust the joined models within this memory, more slowly if "
-      "necessary. 0: no limit."};
+      "Adjust the joined models of graph within this memory, by a selection of "
+      "their tracks if necessary. 0: no limit."};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
       "Minimum number of common images, or of cameras in common frames."};

@@ -46,7 +46,6 @@ struct PointTriangulatorOptions {
   SceneLoadingOptions loading;
   ViewGraphOptions view_graph;
   TrackOptions tracks;
-  MatchSelectionOptions match_selection;
   BundleAdjustmentOptions bundle_adjustment = FixCameras();
 
   template <class Visitor>
@@ -55,7 +54,6 @@ struct PointTriangulatorOptions {
           output_format, loading);
     visit.Group("ViewGraph", view_graph);
     visit.Group("Tracks", tracks);
-    visit.Group("MatchSelection", match_selection);
     visit.Group("BundleAdjustment", bundle_adjustment);
   }
 };
@@ -64,7 +62,6 @@ MapperOptions StageOptions(const PointTriangulatorOptions& options) {
   MapperOptions stages;
   stages.view_graph = options.view_graph;
   stages.tracks = options.tracks;
-  stages.match_selection = options.match_selection;
   stages.bundle_adjustment = options.bundle_adjustment;
   return stages;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -17,12 +18,10 @@ double EstimateMemoryMib(const MapperInput& input);
 // above the limit. 0: not limited.
 void CheckMemory(const MapperInput& input, int max_memory_mib);
 
-// BundleAdjustmentOptions::num_neighbours_in_little_memory for the adjustment
-// of joined models: the largest value with which the estimate, from their
-// numbers of keypoints, observations, points, images and frames, keeps it;
-// nullopt if the fastest adjustment does, too. Throws Error if no value does.
-// 0: not limited.
-std::optional<int> ChooseNumNeighbours(const std::vector<SceneModel>& models,
-                                       int max_memory_mib);
+// The number of observations by which joined models can be adjusted within the
+// limit; nullopt if the estimate for all of them is below it. Throws Error if
+// so few remain that they do not determine the poses. 0: not limited.
+std::optional<size_t> MaxNumAdjustedObservations(
+    const std::vector<SceneModel>& models, int max_memory_mib);
 
 }  // namespace mgsfm

@@ -3,10 +3,9 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <map>
-#include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -15,6 +14,7 @@
 #include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/memory.h"
+#include "bundle/selected_tracks.h"
 #include "command.h"
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
@@ -25,6 +25,7 @@
 #include "mgsfm/base/version.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "partition_run.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -166,145 +167,22 @@ JoinedMaps Join(const SubMapRun& run, const SubMapFiles& files,
                      context);
 }
 
-// Data of this run that wait in a file.
-class FileSink {
- public:
-  explicit FileSink(const fs::path& path)
-      : path_(path), file_(path, std::ios::binary | std::ios::trunc) {}
-
-  template <class T>
-  void Write(const T& value) {
-    WriteBytes(&value, sizeof(T));
-  }
-  template <class T>
-  void Write(const std::vector<T>& items) {
-    Write(items.size());
-    WriteBytes(items.data(), items.size() * sizeof(T));
-  }
-  // Throws Error unless everything is written.
-  void Close() {
-    file_.close();
-    if (!file_) ThrowWriteError(path_);
-  }
-
- private:
-  void WriteBytes(const void* data, size_t size) {
-    file_.write(static_cast<const char*>(data),
-                static_cast<std::streamsize>(size));
-  }
-
-  const fs::path path_;
-  std::ofstream file_;
-};
-
-class FileSource {
- public:
-  explicit FileSource(const fs::path& path)
-      : path_(path), file_(path, std::ios::binary) {}
-
-  template <class T>
-  void Read(T* value) {
-    ReadBytes(value, sizeof(T));
-  }
-  template <class T>
-  void Read(std::vector<T>* items) {
-    items->resize(ReadSize(sizeof(T)));
-    ReadBytes(items->data(), items->size() * sizeof(T));
-  }
-  // A number of items, each with as many bytes or more in the file.
-  size_t ReadSize(size_t bytes_per_item) {
-    size_t size = 0;
-    Read(&size);
-    if (size > fs::file_size(path_) / bytes_per_item) ThrowDamaged();
-    return size;
-  }
-
- private:
-  void ReadBytes(void* data, size_t size) {
-    file_.read(static_cast<char*>(data), static_cast<std::streamsize>(size));
-    if (!file_) ThrowDamaged();
-  }
-  [[noreturn]] void ThrowDamaged() const {
-    throw Error("cannot read '" + path_.string() +
-                "', which this run has written; check its disk");
-  }
-
-  const fs::path path_;
-  std::ifstream file_;
-};
-
-// Returns the tracks of a model, which are in a file until then.
-CandidateSource TracksInFile(const Reconstruction& model,
-                             const fs::path& path) {
-  const ObservationGroups tracks = GroupTracks(model);
-  FileSink sink(path);
-  sink.Write(tracks.observations);
-  sink.Write(tracks.offsets);
-  sink.Close();
-  return {[path](const Reconstruction&, double) {
-    ObservationGroups waiting;
-    FileSource source(path);
-    source.Read(&waiting.observations);
-    source.Read(&waiting.offsets);
-    return std::make_shared<const ObservationGroups>(std::move(waiting));
-  }};
-}
-
-// Keeps points and keypoints in a file during solves.
-RefinementStore PointsInFile(const fs::path& path, Scene* scene) {
-  RefinementStore store;
-  store.put_points = [path, scene](std::vector<Point3D> points) {
-    FileSink sink(path);
-    sink.Write(points.size());
-    for (const Point3D& point : points) {
-      sink.Write(point.point_in_world);
-      sink.Write(point.color);
-      sink.Write(point.error_px);
-      sink.Write(point.track);
-    }
-    points = std::vector<Point3D>();
-    for (Image& image : scene->images) {
-      sink.Write(std::exchange(image.keypoints_px, {}));
-    }
-    sink.Close();
-    ReturnFreedMemory();
-  };
-  store.take_points = [path, scene] {
-    FileSource source(path);
-    std::vector<Point3D> points(source.ReadSize(sizeof(size_t)));
-    for (Point3D& point : points) {
-      source.Read(&point.point_in_world);
-      source.Read(&point.color);
-      source.Read(&point.error_px);
-      source.Read(&point.track);
-    }
-    for (Image& image : scene->images) source.Read(&image.keypoints_px);
-    return points;
-  };
-  return store;
-}
-
-BundleSummary Adjust(const BundleAdjustmentOptions& options,
-                     const fs::path& folder, SceneModel* joined,
-                     const Context& context) {
+BundleSummary Adjust(const SubMapRun& run,
+                     std::optional<size_t> max_num_observations,
+                     SceneModel* joined, const Context& context) {
   Reconstruction& model = joined->reconstruction;
-  const fs::path tracks_file = folder / "tracks",
-                 points_file = folder / "points";
-  CandidateSource tracks;
-  RefinementStore store;
-  if (options.num_neighbours_in_little_memory) {
-    tracks = TracksInFile(model, tracks_file);
-    ReturnFreedMemory();
-    store = PointsInFile(points_file, &joined->scene);
+  BundleResult result;
+  if (max_num_observations) {
+    result = RefineBySelectedTracks(joined->scene, std::exchange(model, {}),
+                                    run.bundle_adjustment,
+                                    *max_num_observations, context);
   } else {
-    tracks = FixedCandidates(GroupTracks(model));
+    const CandidateSource tracks = FixedCandidates(GroupTracks(model.points));
+    result =
+        RefineReconstruction(joined->scene, tracks, std::exchange(model, {}),
+                             run.bundle_adjustment, context);
   }
-  BundleResult result =
-      RefineReconstruction(joined->scene, tracks, std::exchange(model, {}),
-                           options, context, {}, {}, store);
   model = std::move(result.estimate);
-  fs::remove(tracks_file);
-  fs::remove(points_file);
   return std::move(result.summary);
 }
 
@@ -395,37 +273,18 @@ void LogMissing(const SubMapFiles& files, const Context& context) {
 
 // Adjusts a joined model and writes it into the folder. Returns its entry in
 // the report.
-Json FinishModel(const SubMapRun& run, const BundleAdjustmentOptions& options,
+Json FinishModel(const SubMapRun& run,
+                 std::optional<size_t> max_num_observations,
                  const fs::path& folder, const std::vector<int>& sub_maps,
                  SceneModel* model, const Context& context) {
   CheckFormat(model->scene, run.output_format);
   std::optional<BundleSummary> bundle;
-  if (run.adjusts) bundle = Adjust(options, folder, model, context);
+  if (run.adjusts) bundle = Adjust(run, max_num_observations, model, context);
   WriteModel(folder, model->scene, model->reconstruction, run.output_format,
              context);
   WriteRigConfig((folder / "rig_config.json").string(), model->scene,
                  model->reconstruction);
   return DescribeModel(AnalyzeModel(*model), sub_maps, bundle);
-}
-
-BundleAdjustmentOptions AdjustmentOptions(const SubMapRun& run,
-                                          const std::vector<SceneModel>& models,
-                                          const Context& context) {
-  BundleAdjustmentOptions options = run.bundle_adjustment;
-  if (!run.adjusts) return options;
-  options.num_neighbours_in_little_memory =
-      ChooseNumNeighbours(models, run.max_memory_mib);
-  if (options.num_neighbours_in_little_memory) {
-    if (options.backend != SolverBackend::kNative) {
-      throw Error(
-          "only the native solver keeps --max_memory; set "
-          "--BundleAdjustment.backend native");
-    }
-    context.Info("bundle adjustment recomputes what does not fit the memory");
-    context.Debug("neighbours per frame: " +
-                  std::to_string(*options.num_neighbours_in_little_memory));
-  }
-  return options;
 }
 
 // Models do not tell which poses of their cameras were known.
@@ -475,13 +334,20 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
   Json report = DescribeSubMaps(files, joined);
   report["models"] = Json::array();
   LogIfRigsAreRefined(run, joined.models, context);
-  const BundleAdjustmentOptions options =
-      AdjustmentOptions(run, joined.models, context);
+  std::optional<size_t> max_num_observations;
+  if (run.adjusts) {
+    max_num_observations =
+        MaxNumAdjustedObservations(joined.models, run.max_memory_mib);
+  }
+  if (max_num_observations) {
+    context.Info("bundle adjustment selects tracks that fit the memory");
+  }
   for (size_t i = 0; i < joined.models.size(); ++i) {
     const fs::path folder = output.StagingDir() / std::to_string(i);
     fs::create_directory(folder);
-    report["models"].push_back(FinishModel(
-        run, options, folder, joined.sub_maps[i], &joined.models[i], context));
+    report["models"].push_back(FinishModel(run, max_num_observations, folder,
+                                           joined.sub_maps[i],
+                                           &joined.models[i], context));
     context.Info("model " + std::to_string(i) + ": " +
                  DescribeEntry(report["models"].back()));
   }

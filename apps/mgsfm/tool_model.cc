@@ -58,18 +58,6 @@ void WriteToolModel(const ToolModel& model, ModelFormat format,
   output->Commit();
 }
 
-ObservationGroups GroupTracks(const Reconstruction& model) {
-  ObservationGroups groups;
-  groups.observations.reserve(NumObservations(model));
-  groups.offsets.reserve(model.points.size() + 1);
-  for (const Point3D& point : model.points) {
-    groups.observations.insert(groups.observations.end(), point.track.begin(),
-                               point.track.end());
-    groups.FinishGroup();
-  }
-  return groups;
-}
-
 std::string DescribeSize(const SceneModel& model) {
   return DescribeSize(AnalyzeModel(model));
 }

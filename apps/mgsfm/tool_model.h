@@ -50,9 +50,6 @@ ToolModel MakeToolModel(const Model& model, const std::string& path,
 void WriteToolModel(const ToolModel& model, ModelFormat format,
                     const Context& context, StagedOutput* output);
 
-// The observations of each point, as candidates for an adjustment.
-ObservationGroups GroupTracks(const Reconstruction& model);
-
 // "12 frames, 48 images and 3600 points", for messages.
 std::string DescribeSize(const SceneModel& model);
 std::string DescribeSize(const ModelStatistics& statistics);

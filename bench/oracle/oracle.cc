@@ -129,7 +129,7 @@ double LastLossScalePx(const BundleAdjustmentOptions& options,
   if (summary.rounds.size() < 2) return options.loss_scale_px;
   const double sigma_px = summary.rounds[summary.rounds.size() - 2].sigma_px;
   return std::min(
-      *options.loss_scale_px,
+      options.loss_scale_px,
       std::max(kMinLossScalePx, options.loss_sigma_factor * sigma_px));
 }
 

@@ -28,10 +28,4 @@ void RequireMemory(size_t num_bytes) {
   munmap(memory, num_bytes);
 }
 
-void ReturnFreedMemory() {
-#ifdef __GLIBC__
-  malloc_trim(0);
-#endif
-}
-
 }  // namespace mgsfm

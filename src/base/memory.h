@@ -14,8 +14,4 @@ void ReturnLargeBlocks();
 // libraries end the process if they lack memory while they set themselves up.
 void RequireMemory(size_t num_bytes);
 
-// Returns memory that was freed but kept by the C library. Takes some
-// milliseconds. Does nothing on other systems.
-void ReturnFreedMemory();
-
 }  // namespace mgsfm

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "base/memory.h"
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "bundle/solve.h"
@@ -24,10 +23,6 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = function_tolerance;
-  if (options.num_neighbours_in_little_memory) {
-    solver_options.reduced_solver = {ReducedSolver::kCompact,
-                                     *options.num_neighbours_in_little_memory};
-  }
   RigSolver<PixelObservation> solver(built->problem, solver_options, context);
   // The native solver holds its own copy, in its own order.
   if (options.backend == SolverBackend::kNative) {
@@ -42,17 +37,11 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
 bool SolveOnce(const Scene& scene, const BundlePriors& priors,
                const FixedPoses& fixed, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
-               const Context& context, BundleResult* result,
-               const RefinementStore& store) {
-  if (store.put_points) ReturnFreedMemory();
+               const Context& context, BundleResult* result) {
   BuiltProblem built =
       BuildProblem(scene, result->estimate, options, parts, priors, fixed);
-  if (store.put_points) {
-    store.put_points(std::exchange(result->estimate.points, {}));
-  }
   SolveSummary summary =
       SolveProblem(options, function_tolerance, context, &built);
-  if (store.put_points) result->estimate.points = store.take_points();
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
   result->summary.num_invisible_observations = built.num_invisible_observations;
@@ -93,13 +82,13 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                   int num_rounds_left) {
   const double largest = std::ldexp(options.max_max_error_px, num_rounds_left);
-  return std::min(largest, std::max(*options.min_max_error_px,
+  return std::min(largest, std::max(options.min_max_error_px,
                                     options.error_sigma_factor * sigma_px));
 }
 
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
   return std::min(
-      *options.loss_scale_px,
+      options.loss_scale_px,
       std::max(kMinKeypointSigmaPx, options.loss_sigma_factor * sigma_px));
 }
 

@@ -34,7 +34,7 @@ BuiltProblem BuildWeighted(const Scene& scene,
                            double sigma_px, const BundlePriors& priors) {
   BundleAdjustmentOptions weighted = options;
   weighted.loss_scale_px =
-      std::min(*options.loss_scale_px, options.loss_sigma_factor * sigma_px);
+      std::min(options.loss_scale_px, options.loss_sigma_factor * sigma_px);
   BuiltProblem built =
       BuildProblem(scene, reconstruction, weighted, RefinedParts::kAll,
                    {priors.positions, std::nullopt, priors.calibration});

@@ -32,7 +32,6 @@ struct RefinementInput {
   const Context& context;
   const BundlePriors& priors;
   const FixedPoses& fixed;
-  const RefinementStore& store;
 };
 
 // Counts the iterations of all solves, supposing that those to come take as
@@ -61,9 +60,9 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
     options.loss_scale_px =
         LossScalePx(input.options, summary.rounds.back().sigma_px);
   }
-  const bool is_usable = SolveOnce(
-      input.scene, input.priors, input.fixed, options, parts,
-      function_tolerance, ContextOfSolve(input, summary), result, input.store);
+  const bool is_usable =
+      SolveOnce(input.scene, input.priors, input.fixed, options, parts,
+                function_tolerance, ContextOfSolve(input, summary), result);
   const SolveSummary& solve = summary.solves.back();
   input.context.Debug(Formatted(
       "solve %zu: %d iterations, cost %.6g to %.6g, %s", summary.solves.size(),
@@ -226,18 +225,20 @@ bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
 
 }  // namespace
 
-BundleResult RefineReconstruction(
-    const Scene& scene, const CandidateSource& candidates,
-    Reconstruction initial, const BundleAdjustmentOptions& options,
-    const Context& context, const BundlePriors& priors, const FixedPoses& fixed,
-    const RefinementStore& store) {
+BundleResult RefineReconstruction(const Scene& scene,
+                                  const CandidateSource& candidates,
+                                  Reconstruction initial,
+                                  const BundleAdjustmentOptions& options,
+                                  const Context& context,
+                                  const BundlePriors& priors,
+                                  const FixedPoses& fixed) {
   BundleResult result;
   std::swap(result.estimate.points, initial.points);
   const Reconstruction initial_poses = initial;
   std::swap(result.estimate.points, initial.points);
   result.estimate = std::move(initial);
   const RefinementInput input{scene,   candidates, initial_poses, options,
-                              context, priors,     fixed,         store};
+                              context, priors,     fixed};
   if (SolveAndTriangulate(input, &result)) {
     FilterFinalPoints(input, &result);
     DropFramesWithoutSupport(input, &result);
@@ -249,15 +250,15 @@ BundleResult RefineReconstruction(
 
 Reconstruction TriangulateCandidates(const Scene& scene,
                                      const CandidateSource& candidates,
-                                     const Reconstruction& initial,
+                                     Reconstruction initial,
                                      const BundleAdjustmentOptions& options,
                                      const Context& context) {
-  Reconstruction model = initial;
   const double max_error_px = options.max_max_error_px;
-  Retriangulate(scene, *candidates.groups(model, max_error_px),
-                MakeFilterOptions(scene, model, options, max_error_px, context),
-                context.num_threads, &model);
-  return model;
+  Retriangulate(
+      scene, *candidates.groups(initial, max_error_px),
+      MakeFilterOptions(scene, initial, options, max_error_px, context),
+      context.num_threads, &initial);
+  return initial;
 }
 
 }  // namespace mgsfm

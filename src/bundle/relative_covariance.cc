@@ -110,7 +110,7 @@ BuiltProblem BuildHeld(const Scene& scene, const Reconstruction& part,
                        const BundleAdjustmentOptions& options) {
   BundleAdjustmentOptions held = options;
   held.loss_scale_px =
-      std::min(*options.loss_scale_px,
+      std::min(options.loss_scale_px,
                options.loss_sigma_factor * NoiseSigmaPx(scene, part, 1));
   held.refine_rig_from_world = true;
   held.refine_focal_length = RefineMode::kNo;

@@ -228,65 +228,29 @@ std::vector<Point3D> TriangulateGroup(
 // memory; GroupByKey() ignores negative keys.
 constexpr int kNoGroup = -1;
 
-// The group of each keypoint of the images [first, last).
-class GroupLookup {
- public:
-  GroupLookup(const Scene& scene, const ObservationGroups& groups, int first,
-              int last)
-      : first_(first) {
-    begin_ = {0};
-    for (int i = first; i < last; ++i) {
-      begin_.push_back(begin_.back() + scene.images[i].keypoints_px.size());
-    }
-    group_.assign(begin_.back(), kNoGroup);
-    for (size_t g = 0; g < groups.size(); ++g) {
-      for (const Observation* o = groups.begin(g); o != groups.end(g); ++o) {
-        if (Contains(*o)) group_[IndexOf(*o)] = static_cast<int>(g);
-      }
-    }
-  }
-
-  // The group of the first observation in these images that is in a group, or
-  // kNoGroup.
-  int FindAny(const Point3D& point) const {
-    for (const Observation& o : point.track) {
-      if (!Contains(o)) continue;
-      const int group = group_[IndexOf(o)];
-      if (group != kNoGroup) return group;
-    }
-    return kNoGroup;
-  }
-
- private:
-  bool Contains(const Observation& o) const {
-    return o.image_idx >= first_ &&
-           o.image_idx - first_ < static_cast<int>(begin_.size()) - 1;
-  }
-  size_t IndexOf(const Observation& o) const {
-    return begin_[o.image_idx - first_] + o.keypoint_idx;
-  }
-
-  const int first_;
-  std::vector<size_t> begin_;
-  std::vector<int> group_;
-};
-
-// The group of each point, or kNoGroup.
+// The group of the first observation of each point that is in one, or kNoGroup.
 std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
                             const std::vector<Point3D>& points) {
-  // A lookup of all images would need half of the memory of their keypoints. An
-  // eighth of it is small beside that of the points.
-  constexpr size_t kNumLookups = 8;
-  const size_t num_images = scene.images.size();
-  std::vector<int> group_of_point(points.size(), kNoGroup);
-  for (size_t part = 0; part < kNumLookups; ++part) {
-    const GroupLookup lookup(
-        scene, groups, static_cast<int>(part * num_images / kNumLookups),
-        static_cast<int>((part + 1) * num_images / kNumLookups));
-    for (size_t p = 0; p < points.size(); ++p) {
-      if (group_of_point[p] != kNoGroup) continue;
-      group_of_point[p] = lookup.FindAny(points[p]);
+  std::vector<size_t> first_of_image = {0};
+  for (const Image& image : scene.images) {
+    first_of_image.push_back(first_of_image.back() + image.keypoints_px.size());
+  }
+  std::vector<int> group_of_keypoint(first_of_image.back(), kNoGroup);
+  const auto group_of = [&](const Observation& o) -> int& {
+    return group_of_keypoint[first_of_image[o.image_idx] + o.keypoint_idx];
+  };
+  for (size_t g = 0; g < groups.size(); ++g) {
+    for (const Observation* o = groups.begin(g); o != groups.end(g); ++o) {
+      group_of(*o) = static_cast<int>(g);
     }
+  }
+  std::vector<int> group_of_point;
+  for (const Point3D& point : points) {
+    const auto in_group = std::find_if(
+        point.track.begin(), point.track.end(),
+        [&](const Observation& o) { return group_of(o) != kNoGroup; });
+    group_of_point.push_back(
+        in_group == point.track.end() ? kNoGroup : group_of(*in_group));
   }
   return group_of_point;
 }

@@ -12,13 +12,11 @@ namespace mgsfm {
 // Steps shared by AdjustBundle, RefineReconstruction and EstimateSoftRig.
 
 // Solves the problem of the estimate and appends to the summary. Returns false,
-// and does not change the estimate, if the solve fails. The store may hold the
-// points meanwhile.
+// and does not change the estimate, if the solve fails.
 bool SolveOnce(const Scene& scene, const BundlePriors& priors,
                const FixedPoses& fixed, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
-               const Context& context, BundleResult* result,
-               const RefinementStore& store = {});
+               const Context& context, BundleResult* result);
 
 // The filter of the options for this bound on reprojection errors.
 PointFilterOptions MakeFilterOptions(const Scene& scene,

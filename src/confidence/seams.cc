@@ -355,7 +355,7 @@ Confidence EstimateConfidence(const ConfidenceInput& input,
   const FrameCuts cuts = FindCuts(input, num_confirmed);
   CutEvidence evidence = CollectEvidence(input, cuts, num_confirmed);
   evidence.has_few_ties =
-      FindFewTies(input, cuts, std::max(1, *options.min_num_ties), &evidence);
+      FindFewTies(input, cuts, std::max(1, options.min_num_ties), &evidence);
   evidence.is_jump = FindJumps(input, cuts, evidence);
   std::vector<double> confidences;
   std::vector<std::pair<double, Seam>> seams;

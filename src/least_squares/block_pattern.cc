@@ -53,23 +53,11 @@ BlockPattern::Place BlockPattern::Find(int column, int row) const {
 Eigen::SparseMatrix<double> BlockPattern::MakeMatrix() const {
   Eigen::SparseMatrix<double> matrix(num_rows(), num_rows());
   if (num_rows() == 0) return matrix;
-  matrix.resizeNonZeros(static_cast<Eigen::Index>(first_value_.back()));
-  ListRows(matrix.outerIndexPtr(), matrix.innerIndexPtr());
-  std::fill_n(matrix.valuePtr(), matrix.nonZeros(), 0.0);
-  return matrix;
-}
-
-BlockPattern::Rows BlockPattern::MakeRows() const {
-  Rows rows;
-  rows.column_begin.resize(num_rows() + 1);
-  rows.rows.resize(first_value_.back());
-  ListRows(rows.column_begin.data(), rows.rows.data());
-  return rows;
-}
-
-void BlockPattern::ListRows(int* column_begin, int* rows) const {
   MGSFM_CHECK_LE(first_value_.back(),
                  static_cast<size_t>(std::numeric_limits<int>::max()));
+  matrix.resizeNonZeros(static_cast<Eigen::Index>(first_value_.back()));
+  int* column_begin = matrix.outerIndexPtr();
+  int* rows = matrix.innerIndexPtr();
   *column_begin = 0;
   for (size_t b = 0; b < height_.size(); ++b) {
     for (int c = first_[b]; c < first_[b + 1]; ++c) {
@@ -81,6 +69,8 @@ void BlockPattern::ListRows(int* column_begin, int* rows) const {
       *column_begin = *(column_begin - 1) + height_[b];
     }
   }
+  std::fill_n(matrix.valuePtr(), matrix.nonZeros(), 0.0);
+  return matrix;
 }
 
 }  // namespace mgsfm

@@ -6,8 +6,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "mgsfm/base/error.h"
-
 namespace mgsfm {
 
 // A pair of blocks as one number that sorts by column, then by row.
@@ -43,24 +41,11 @@ class BlockPattern {
 
   // A matrix with this pattern and zero values.
   Eigen::SparseMatrix<double> MakeMatrix() const;
-  // The rows of all columns in order, and where each column begins.
-  struct Rows {
-    std::vector<int> column_begin;
-    std::vector<int> rows;
-  };
-  Rows MakeRows() const;
-
-  // Moves the values to find_place(row, column), the Place of an entry of the
-  // matrix in another array. Neither MakeMatrix() nor MakeRows() may
-  // be called any more.
-  template <class FindPlace>
-  void MoveValues(const FindPlace& find_place);
 
   int num_rows() const { return first_.empty() ? 0 : first_.back(); }
 
  private:
   size_t Search(int column, int row) const;
-  void ListRows(int* column_begin, int* rows) const;
 
   std::vector<int> first_;            // first row of each block, and the end
   std::vector<size_t> column_begin_;  // in row_block_
@@ -69,25 +54,5 @@ class BlockPattern {
   std::vector<size_t> first_value_;
   std::vector<int> height_;
 };
-
-template <class FindPlace>
-void BlockPattern::MoveValues(const FindPlace& find_place) {
-  for (size_t b = 0; b < height_.size(); ++b) {
-    const Place place = find_place(first_[b], first_[b]);
-    first_value_[b] = place.position;
-    height_[b] = place.stride;
-    const int width = first_[b + 1] - first_[b];
-    for (size_t k = column_begin_[b]; k < column_begin_[b + 1]; ++k) {
-      const int row = row_block_[k];
-      row_offset_[k] = static_cast<int>(
-          find_place(first_[row], first_[b]).position - place.position);
-      // A block stays in one piece.
-      const int last = first_[row + 1] - 1;
-      MGSFM_CHECK_EQ(find_place(last, first_[b] + width - 1).position,
-                     place.position + row_offset_[k] + (last - first_[row]) +
-                         static_cast<size_t>(width - 1) * place.stride);
-    }
-  }
-}
 
 }  // namespace mgsfm

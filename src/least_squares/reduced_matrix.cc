@@ -2,9 +2,7 @@
 #include "least_squares/reduced_matrix.h"
 
 #include <algorithm>
-#include <utility>
 
-#include "base/memory.h"
 #include "base/parallel.h"
 
 namespace mgsfm {
@@ -25,28 +23,15 @@ std::vector<size_t> FindDiagonal(const RigStructure& structure) {
 
 }  // namespace
 
-ReducedMatrix::ReducedMatrix(bool is_in_place, int num_threads)
-    : is_in_place_(is_in_place),
-      num_threads_(num_threads),
-      solver_(num_threads),
-      in_place_(num_threads) {}
+ReducedMatrix::ReducedMatrix(int num_threads)
+    : num_threads_(num_threads), solver_(num_threads) {}
 
-void ReducedMatrix::Allocate(RigStructure* structure) {
-  if (is_allocated_ || structure->num_unknowns == 0) return;
+void ReducedMatrix::Allocate(const RigStructure& structure) {
+  if (is_allocated_ || structure.num_unknowns == 0) return;
   is_allocated_ = true;
-  if (is_in_place_) {
-    ReturnFreedMemory();  // many small blocks of the structure
-    BlockPattern::Rows rows = structure->pattern.MakeRows();
-    in_place_.Analyze(std::move(rows.column_begin), std::move(rows.rows));
-    structure->MoveValues([this](int row, int column) {
-      const auto [position, stride] = in_place_.Find(row, column);
-      return BlockPattern::Place{position, stride};
-    });
-  } else {
-    matrix_ = structure->pattern.MakeMatrix();
-    solver_.Analyze(matrix_, SparseCholesky::Order::kNatural);
-  }
-  diagonal_position_ = FindDiagonal(*structure);
+  matrix_ = structure.pattern.MakeMatrix();
+  solver_.Analyze(matrix_, SparseCholesky::Order::kNatural);
+  diagonal_position_ = FindDiagonal(structure);
 }
 
 void ReducedMatrix::SetZero() {
@@ -60,16 +45,6 @@ void ReducedMatrix::SetZero() {
                           0.0);
               },
               1);
-}
-
-void ReducedMatrix::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
-                          Eigen::Ref<Eigen::MatrixXd> X) const {
-  if (!is_in_place_) {
-    solver_.Solve(B, X);
-    return;
-  }
-  if (X.data() != B.data()) X = B;
-  in_place_.Solve(X);
 }
 
 }  // namespace mgsfm

@@ -19,9 +19,6 @@ namespace {
 // Inexact steps converge almost as fast as exact ones. A step takes 17 products
 // on average (docs/results/constants.md).
 constexpr double kConjugateGradientTolerance = 1e-2;
-// As many steps with half of the products, which take longer then
-// (docs/results/constants.md).
-constexpr double kConjugateGradientToleranceIfCompact = 2e-1;
 constexpr int kMaxNumConjugateGradients = 500;  // as in Ceres
 // Sections of the values of the reduced matrix; chunks are merged into several
 // at a time. Enough for some tens of threads.
@@ -56,18 +53,14 @@ double SquaredLength(const RigStructure& structure, const RigState& state) {
 
 RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
                                    const std::vector<int>& image_of_observation,
-                                   const ReducedSolverOptions& solver,
-                                   const Context& context)
+                                   ReducedSolver solver, const Context& context)
     : problem_(problem),
       context_(context),
       structure_(problem, image_of_observation, solver, context.num_threads),
       chunks_(structure_, context.num_threads),
       chunk_costs_(structure_.chunks.size()),
       chunk_sums_(structure_.chunks.size()),
-      conjugate_gradient_tolerance_(solver.type == ReducedSolver::kCompact
-                                        ? kConjugateGradientToleranceIfCompact
-                                        : kConjugateGradientTolerance),
-      matrix_(solver.type == ReducedSolver::kCompact, context.num_threads) {
+      matrix_(context.num_threads) {
   const size_t num_points = problem.num_points();
   points_.resize(num_points);
   steps_.twists.resize(problem.images.size());
@@ -120,7 +113,7 @@ double RigEquationsBase::Cost() {
 bool RigEquationsBase::Linearize(double lambda) {
   lambda_ = lambda;
   // Not before the caller could free the observations.
-  matrix_.Allocate(&structure_);
+  matrix_.Allocate(structure_);
   matrix_.SetZero();
   gradient_.setZero();
   correction_.setZero();
@@ -209,7 +202,7 @@ bool RigEquationsBase::Solve() {
 
 bool RigEquationsBase::SolveByConjugateGradients() {
   return SolveByConjugateGradient(
-      rhs_, conjugate_gradient_tolerance_, kMaxNumConjugateGradients,
+      rhs_, kConjugateGradientTolerance, kMaxNumConjugateGradients,
       [this](const Eigen::VectorXd& x, Eigen::VectorXd* y) {
         context_.CheckInterrupted();
         Multiply(x, y);

@@ -38,7 +38,7 @@ class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
                    const std::vector<int>& image_of_observation,
-                   const ReducedSolverOptions& solver, const Context& context);
+                   ReducedSolver solver, const Context& context);
 
   // Sets and copies the current state. GetState() frees the points of trial
   // steps.
@@ -100,7 +100,6 @@ class RigEquationsBase : public DampedProblem {
   OrderedChunks chunks_;
   std::vector<double> chunk_costs_;
   std::vector<StepSums> chunk_sums_;
-  const double conjugate_gradient_tolerance_;
   ReducedMatrix matrix_;
   Eigen::VectorXd gradient_;    // g_z
   Eigen::VectorXd correction_;  // W^T V^-1 g_p
@@ -116,7 +115,7 @@ class RigEquations : public RigEquationsBase {
  public:
   using Problem = RigProblem<typename R::Observation>;
 
-  RigEquations(const Problem& problem, const ReducedSolverOptions& solver,
+  RigEquations(const Problem& problem, ReducedSolver solver,
                const Context& context);
 
  protected:

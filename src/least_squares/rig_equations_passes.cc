@@ -21,8 +21,7 @@ std::vector<int> ImagesOf(const Problem& problem) {
 }  // namespace
 
 template <class R>
-RigEquations<R>::RigEquations(const Problem& problem,
-                              const ReducedSolverOptions& solver,
+RigEquations<R>::RigEquations(const Problem& problem, ReducedSolver solver,
                               const Context& context)
     : RigEquationsBase(problem, ImagesOf(problem), solver, context) {
   measured_.reserve(R::kDim * problem.observations.size());
@@ -37,8 +36,7 @@ RigEquations<R>::RigEquations(const Problem& problem,
         std::max(num_params, static_cast<int>(camera.free_params.size()));
   }
   kept_.num_values = R::kDim * (3 + static_cast<size_t>(num_params));
-  if (!structure_.is_iterative || solver.type == ReducedSolver::kCompact)
-    return;
+  if (!structure_.is_iterative) return;
   kept_.observations.resize(kept_.num_values * problem.observations.size());
 }
 

@@ -62,9 +62,6 @@ SolveSummary RigSolver<Observation>::Solve(int max_num_iterations,
                                                  impl_->context, state);
   }
   impl_->equations->SetState(*state);
-  if (impl_->options.reduced_solver.type == ReducedSolver::kCompact) {
-    state->points = std::vector<Eigen::Vector3d>();
-  }
   SolveSummary summary = MinimizeByLevenbergMarquardt(
       impl_->options, max_num_iterations, impl_->context, &*impl_->equations);
   if (summary.IsUsable()) impl_->equations->GetState(state);

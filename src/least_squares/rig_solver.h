@@ -14,14 +14,6 @@ enum class ReducedSolver {
   kAuto,       // kDirect unless its factor is too large or too slow
   kDirect,     // sparse Cholesky factorisation
   kIterative,  // preconditioned conjugate gradients
-  kCompact,    // the same with less memory, in more time
-};
-
-struct ReducedSolverOptions {
-  ReducedSolver type = ReducedSolver::kAuto;
-  // Each block has so many in the first preconditioner that is tried, and half
-  // as many each time its factor is too large.
-  int num_neighbours = 64;
 };
 
 // Levenberg-Marquardt with Schur complement; docs/maths/least_squares.md.
@@ -54,20 +46,19 @@ struct ReducedSolverOptions {
 // iteration: linear in the observations, for each point quadratic in the number
 // of frames that observe it, and the factorisation, or some tens of passes over
 // the observations. Memory: about 13 bytes per observation and 60 per point,
-// and 50 more of each if kIterative; plus the matrix and its factor, which
-// share their memory if kCompact.
+// and 50 more of each if kIterative; plus the matrix and its factor.
 struct RigSolverOptions {
   int max_num_iterations = 100;
   double function_tolerance = 1e-6;
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
-  ReducedSolverOptions reduced_solver;
+  ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
 
 // Solves a problem repeatedly. Its structure is analysed once; between solves,
 // the values of the loss, baselines, linear terms and priors may change. On
-// kFailure, the state does not change, but kCompact loses its points, as it
-// does if an exception is thrown. Checks for interruption in each iteration.
+// kFailure, the state does not change. Checks for interruption in each
+// iteration.
 template <class Observation>
 class RigSolver {
  public:

@@ -26,6 +26,9 @@ constexpr int kImagesOfBorderBlock = 64;
 constexpr double kMaxFactorEntries = 2e8;
 constexpr double kMinAffordableFlops = 4e9;  // some 0.1 s of one core
 constexpr double kAffordableFlopsPerObservation = 2e4;
+// Each block has so many in the first preconditioner that is tried, and half as
+// many each time its factor is too large.
+constexpr int kMaxNumNeighbours = 64;
 
 using Pairs = std::vector<BlockPairKey>;
 
@@ -320,12 +323,11 @@ ReducedGraph MakeGraph(const RigProblemBase& problem, const RigStructure& s,
 // Cuts points until the factor of the preconditioner is affordable.
 ReducedGraph MakePreconditionerGraph(const RigProblemBase& problem,
                                      const Mask& is_border,
-                                     int max_num_neighbours,
                                      size_t num_observations, int num_threads,
                                      RigStructure* s) {
   PointCutter cutter(problem.points_are_free, is_border,
                      InseparablePairs(problem, *s, is_border), num_threads, s);
-  for (int num_kept = max_num_neighbours;; num_kept /= 2) {
+  for (int num_kept = kMaxNumNeighbours;; num_kept /= 2) {
     cutter.Cut(num_kept);
     ReducedGraph graph = MakeGraph(problem, *s, is_border, num_threads);
     if (num_kept == 0 ||
@@ -414,8 +416,7 @@ void PlaceChunk(Pairs pairs, ChunkRanges* chunk, RigStructure* s) {
 
 RigStructure::RigStructure(const RigProblemBase& problem,
                            const std::vector<int>& image_of_observation,
-                           const ReducedSolverOptions& solver,
-                           int num_threads) {
+                           ReducedSolver solver, int num_threads) {
   // Observations are counted by 32 bits, to save memory.
   MGSFM_CHECK_LT(image_of_observation.size(), size_t{1} << 32);
   pose_size = ChoosePoseSize(problem);
@@ -424,17 +425,16 @@ RigStructure::RigStructure(const RigProblemBase& problem,
   BuildChunks(problem, image_of_observation, num_threads, this);
   const size_t num_observations = image_of_observation.size();
   ReducedGraph graph;
-  is_iterative = solver.type == ReducedSolver::kIterative ||
-                 solver.type == ReducedSolver::kCompact;
+  is_iterative = solver == ReducedSolver::kIterative;
   if (!is_iterative) {
     graph = MakeGraph(problem, *this, is_border, num_threads);
-    is_iterative = solver.type == ReducedSolver::kAuto &&
+    is_iterative = solver == ReducedSolver::kAuto &&
                    !IsAffordable(graph.order, pose_size, num_observations);
   }
   if (is_iterative) {
     graph = ReducedGraph();  // frees its memory
-    graph = MakePreconditionerGraph(problem, is_border, solver.num_neighbours,
-                                    num_observations, num_threads, this);
+    graph = MakePreconditionerGraph(problem, is_border, num_observations,
+                                    num_threads, this);
   }
   std::vector<Pairs> pairs_of_chunks = std::move(graph.pairs_of_chunks);
   PlaceBlocks(is_border, std::move(graph), this);

@@ -66,14 +66,7 @@ struct RigStructure {
   // `image_of_observation` lists the images of the problem's observations.
   RigStructure(const RigProblemBase& problem,
                const std::vector<int>& image_of_observation,
-               const ReducedSolverOptions& solver, int num_threads);
-
-  // BlockPattern::MoveValues(), with the positions of chunk_pairs.
-  template <class FindPlace>
-  void MoveValues(const FindPlace& find_place) {
-    pattern.MoveValues(find_place);
-    PlacePairs();
-  }
+               ReducedSolver solver, int num_threads);
 
   // Coordinates of a pose block: 6, or 3 if no rotation is free.
   int pose_size = 3;

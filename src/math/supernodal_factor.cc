@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <condition_variable>
 #include <exception>
 #include <mutex>
@@ -29,12 +28,7 @@ using ConstPanel = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
 }  // namespace
 
 SupernodalFactor::SupernodalFactor(const cholmod_factor& symbolic,
-                                   const Eigen::SparseMatrix<double>& H)
-    : SupernodalFactor(symbolic) {
-  PermuteEntries(H, static_cast<const int*>(symbolic.Perm));
-}
-
-SupernodalFactor::SupernodalFactor(const cholmod_factor& symbolic) {
+                                   const Eigen::SparseMatrix<double>& H) {
   MGSFM_CHECK(symbolic.is_super);
   const auto num_supernodes = static_cast<int>(symbolic.nsuper);
   const auto copy = [](const void* from, size_t size) {
@@ -54,6 +48,7 @@ SupernodalFactor::SupernodalFactor(const cholmod_factor& symbolic) {
   MakePanels();
   ListUpdates();
   ChooseSubtrees();
+  PermuteEntries(H, static_cast<const int*>(symbolic.Perm));
 }
 
 void SupernodalFactor::PermuteEntries(const Eigen::SparseMatrix<double>& H,
@@ -191,9 +186,8 @@ class SupernodalRun {
  public:
   using Workspace = SupernodalFactor::Workspace;
 
-  // `values` contain the matrix if H is null.
   SupernodalRun(const SupernodalFactor& structure,
-                const Eigen::SparseMatrix<double>* H, double* values,
+                const Eigen::SparseMatrix<double>& H, double* values,
                 std::vector<Workspace>* workspaces)
       : f_(structure), H_(H), values_(values), is_done_(f_.panels_.size()) {
     for (Workspace& w : *workspaces) free_.push_back(&w);
@@ -274,7 +268,7 @@ class SupernodalRun {
   void SubtractOwnPanels(int panel, const Target& to, Workspace* w);
 
   const SupernodalFactor& f_;
-  const Eigen::SparseMatrix<double>* const H_;
+  const Eigen::SparseMatrix<double>& H_;
   double* const values_;
   std::vector<std::atomic<bool>> is_done_;
   std::atomic<bool> has_failed_{false};
@@ -292,7 +286,7 @@ void SupernodalRun::ComputePanel(int panel_idx, Workspace* w) {
                      stride, f_.first_column_[s] + panel.offset};
   const int* rows = f_.rows_.data() + f_.row_begin_[s] + panel.offset;
   for (int i = 0; i < to.num_rows; ++i) w->position[rows[i]] = i;
-  if (H_ != nullptr) AddEntries(panel, to, *w);
+  AddEntries(panel, to, *w);
   for (size_t k = f_.update_begin_[panel_idx];
        k < f_.update_begin_[panel_idx + 1]; ++k) {
     SubtractUpdate(f_.updates_[k], to, w);
@@ -307,10 +301,9 @@ void SupernodalRun::ComputePanel(int panel_idx, Workspace* w) {
 void SupernodalRun::AddEntries(const SupernodalFactor::Panel& panel,
                                const Target& to, const Workspace& w) {
   const bool is_permuted = !f_.column_begin_.empty();
-  const int* begin =
-      is_permuted ? f_.column_begin_.data() : H_->outerIndexPtr();
-  const int* rows = is_permuted ? f_.entry_row_.data() : H_->innerIndexPtr();
-  const double* values = H_->valuePtr();
+  const int* begin = is_permuted ? f_.column_begin_.data() : H_.outerIndexPtr();
+  const int* rows = is_permuted ? f_.entry_row_.data() : H_.innerIndexPtr();
+  const double* values = H_.valuePtr();
   for (int j = 0; j < panel.width; ++j) {
     double* column = to.values + static_cast<size_t>(j) * to.stride;
     std::fill_n(column, to.num_rows, 0.0);
@@ -357,42 +350,13 @@ void SupernodalRun::SubtractOwnPanels(int panel_idx, const Target& to,
 
 bool SupernodalFactor::Factorize(const Eigen::SparseMatrix<double>& H,
                                  int num_threads, cholmod_factor* factor) {
-  ReserveWorkspaces(num_threads);
-  return SupernodalRun(*this, &H, static_cast<double*>(factor->x), &workspaces_)
-      .Run();
-}
-
-void SupernodalFactor::ReserveWorkspaces(int num_threads) {
   workspaces_.resize(std::max(1, num_threads));
   for (Workspace& w : workspaces_) {
     w.position.resize(supernode_of_column_.size());
     w.update_position.resize(max_num_rows_);
   }
-}
-
-SupernodalFactor::Place SupernodalFactor::Find(int row, int column) const {
-  const int s = supernode_of_column_[column];
-  const auto begin = rows_.begin() + row_begin_[s];
-  const auto end = rows_.begin() + row_begin_[s + 1];
-  const auto found = std::lower_bound(begin, end, row);
-  MGSFM_CHECK(found != end && *found == row);
-  return {value_begin_[s] +
-              static_cast<size_t>(column - first_column_[s]) * NumRows(s) +
-              static_cast<size_t>(found - begin),
-          NumRows(s)};
-}
-
-bool SupernodalFactor::FactorizeInPlace(int num_threads, double* values) {
-  ReserveWorkspaces(num_threads);
-  if (!SupernodalRun(*this, nullptr, values, &workspaces_).Run()) return false;
-  const auto num_columns = static_cast<int>(supernode_of_column_.size());
-  for (int j = 0; j < num_columns; ++j) {
-    const int s = supernode_of_column_[j];
-    const auto offset = static_cast<size_t>(j - first_column_[s]);
-    const double pivot = values[value_begin_[s] + offset * NumRows(s) + offset];
-    if (!std::isfinite(pivot)) return false;
-  }
-  return true;
+  return SupernodalRun(*this, H, static_cast<double*>(factor->x), &workspaces_)
+      .Run();
 }
 
 // Forward substitution, X = L^-1 X.

@@ -35,28 +35,11 @@ class SupernodalFactor {
   // lower triangle of H.
   SupernodalFactor(const cholmod_factor& symbolic,
                    const Eigen::SparseMatrix<double>& H);
-  // For FactorizeInPlace(). P must be the identity.
-  explicit SupernodalFactor(const cholmod_factor& symbolic);
 
   // Computes the values of the analysed factor, which must be allocated.
   // Returns false if H is not numerically positive definite.
   [[nodiscard]] bool Factorize(const Eigen::SparseMatrix<double>& H,
                                int num_threads, cholmod_factor* factor);
-
-  // The position of an entry in the values of the factor. The next column of
-  // its supernode is `stride` further.
-  struct Place {
-    size_t position = 0;
-    int stride = 0;
-  };
-  // The place of an entry of the lower triangle of H. Logarithmic in the rows
-  // of its column.
-  Place Find(int row, int column) const;
-  size_t num_values() const { return value_begin_.back(); }
-
-  // As Factorize(), but `values` contain the lower triangle of H, which the
-  // factor replaces. Also returns false if a value is not finite.
-  [[nodiscard]] bool FactorizeInPlace(int num_threads, double* values);
 
   // X = (L L^T)^-1 X, where `values` are those of the factor and the rows of X
   // are in the order of elimination.
@@ -88,7 +71,6 @@ class SupernodalFactor {
   template <class Matrix>
   void SolveUpper(const double* values, Matrix&& X) const;
   void PermuteEntries(const Eigen::SparseMatrix<double>& H, const int* order);
-  void ReserveWorkspaces(int num_threads);
   void MakePanels();
   void ListUpdates();
   void ChooseSubtrees();

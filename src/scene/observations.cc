@@ -3,12 +3,22 @@
 
 namespace mgsfm {
 
-size_t NumObservations(const Reconstruction& reconstruction) {
+size_t NumObservations(const std::vector<Point3D>& points) {
   size_t num_observations = 0;
-  for (const Point3D& point : reconstruction.points) {
-    num_observations += point.track.size();
-  }
+  for (const Point3D& point : points) num_observations += point.track.size();
   return num_observations;
+}
+
+ObservationGroups GroupTracks(const std::vector<Point3D>& points) {
+  ObservationGroups groups;
+  groups.observations.reserve(NumObservations(points));
+  groups.offsets.reserve(points.size() + 1);
+  for (const Point3D& point : points) {
+    groups.observations.insert(groups.observations.end(), point.track.begin(),
+                               point.track.end());
+    groups.FinishGroup();
+  }
+  return groups;
 }
 
 std::optional<double> MeanReprojectionErrorPx(

@@ -9,6 +9,7 @@
 #include "geometry/triangulation.h"
 #include "math/robust_scale.h"
 #include "mgsfm/base/mask.h"
+#include "scene/track_coverage.h"
 
 namespace mgsfm {
 namespace {
@@ -217,38 +218,25 @@ double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
 std::vector<size_t> SelectTracks(const TrackRays& rays,
                                  const TrackPoints& points, int num_images,
                                  int min_per_image) {
-  std::vector<size_t> order;
-  std::vector<int> length(rays.tracks.size(), 0);
+  std::vector<size_t> with_point;
+  ObservationGroups used;
   for (size_t t = 0; t < rays.tracks.size(); ++t) {
     if (!points.point_in_world[t]) continue;
+    with_point.push_back(t);
     for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
          ++k) {
-      length[t] += points.observation_is_used[k];
+      if (!points.observation_is_used[k]) continue;
+      used.observations.push_back(rays.tracks.observations[k]);
     }
-    order.push_back(t);
+    used.FinishGroup();
   }
-  if (min_per_image <= 0) return order;
-  std::stable_sort(order.begin(), order.end(),
-                   [&](size_t a, size_t b) { return length[a] > length[b]; });
-  std::vector<int> count(num_images, 0);
+  if (min_per_image <= 0) return with_point;
+  TrackCoverage coverage(used, static_cast<size_t>(num_images));
+  coverage.Select(0, min_per_image);
   std::vector<size_t> selected;
-  for (const size_t t : order) {
-    bool is_needed = false;
-    for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
-         ++k) {
-      is_needed |= points.observation_is_used[k] &&
-                   count[rays.tracks.observations[k].image_idx] < min_per_image;
-    }
-    if (!is_needed) continue;
-    selected.push_back(t);
-    for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
-         ++k) {
-      if (points.observation_is_used[k]) {
-        ++count[rays.tracks.observations[k].image_idx];
-      }
-    }
+  for (size_t i = 0; i < with_point.size(); ++i) {
+    if (coverage.is_selected()[i]) selected.push_back(with_point[i]);
   }
-  std::sort(selected.begin(), selected.end());
   return selected;
 }
 

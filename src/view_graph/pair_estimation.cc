@@ -195,7 +195,7 @@ class PairEstimator {
     RansacOptions ransac;
     ransac.max_error_rad = max_error_;
     ransac.max_num_trials =
-        std::min(*options_.max_num_trials, kMaxNumRotationTrials);
+        std::min(options_.max_num_trials, kMaxNumRotationTrials);
     if (const auto rotation = EstimateRotation(matched_.rays, ransac, random)) {
       Try({*rotation, std::nullopt}, PairOutcome::kReestimated);
     }

@@ -189,30 +189,6 @@ TEST_P(BundleAdjustmentTest, ThreadsDoNotChangeABit) {
   ExpectSame(one, refine(3));
 }
 
-TEST_P(BundleAdjustmentTest, PointsElsewhereDuringSolvesDoNotChangeABit) {
-  const Simulation simulation = Simulate(NoisyScene(rig(), path()));
-  const Reconstruction initial =
-      Perturbed(simulation.scene, simulation.ground_truth, 0.02, 14);
-  const ObservationGroups groups = GroupTracks(simulation.ground_truth, 2);
-  const auto refine = [&](const RefinementStore& store) {
-    return RefineReconstruction(simulation.scene, FixedCandidates(groups),
-                                initial, BundleAdjustmentOptions(), Threads(2),
-                                {}, {}, store);
-  };
-  std::optional<std::vector<Point3D>> elsewhere;
-  size_t num_times = 0;
-  RefinementStore store;
-  store.put_points = [&](std::vector<Point3D> points) {
-    EXPECT_FALSE(elsewhere);
-    elsewhere = std::move(points);
-    ++num_times;
-  };
-  store.take_points = [&] { return *std::exchange(elsewhere, std::nullopt); };
-  const BundleResult result = refine(store);
-  EXPECT_EQ(num_times, result.summary.solves.size());
-  ExpectSame(result.estimate, refine({}).estimate);
-}
-
 INSTANTIATE_TEST_SUITE_P(
     Rigs, BundleAdjustmentTest,
     testing::Combine(testing::Values(RigPreset::kMono, RigPreset::kStereo,
@@ -570,28 +546,6 @@ TEST(AdjustBundleTest, OrderOfPointsDoesNotMatter) {
       CompareModels(simulation.scene, a.estimate, b.estimate);
   EXPECT_LT(difference.max_position, 1e-6);
   EXPECT_LT(difference.max_rotation_deg, 1e-6);
-}
-
-// A loop, whose first and last frames share points.
-TEST(AdjustBundleTest, LittleMemoryReachesTheSameOptimum) {
-  const Simulation simulation =
-      Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kLoop));
-  const Reconstruction initial =
-      Perturbed(simulation.scene, simulation.ground_truth, 0.01, 5);
-  BundleAdjustmentOptions options;
-  options.function_tolerance = 1e-13;
-  const BundleResult fast =
-      AdjustBundle(simulation.scene, initial, options, Threads(2));
-  options.num_neighbours_in_little_memory = 8;
-  const BundleResult small =
-      AdjustBundle(simulation.scene, initial, options, Threads(2));
-  EXPECT_NEAR(small.summary.solves.at(0).final_cost,
-              fast.summary.solves.at(0).final_cost,
-              1e-8 * fast.summary.solves.at(0).final_cost);
-  const ModelDifference difference =
-      CompareModels(simulation.scene, fast.estimate, small.estimate);
-  EXPECT_LT(difference.max_position, 1e-4);
-  EXPECT_LT(difference.max_rotation_deg, 1e-4);
 }
 
 }  // namespace

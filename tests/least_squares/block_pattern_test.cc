@@ -35,24 +35,6 @@ TEST(BlockPatternTest, FindReturnsThePlacesOfBlocks) {
   EXPECT_EQ(Eigen::MatrixXd(matrix), expected);
 }
 
-// Into a dense matrix.
-TEST(BlockPatternTest, ValuesCanMove) {
-  BlockPattern pattern({2, 3, 1},
-                       {MakeBlockPairKey(0, 0), MakeBlockPairKey(0, 2),
-                        MakeBlockPairKey(1, 1), MakeBlockPairKey(2, 2)});
-  const BlockPattern::Rows rows = pattern.MakeRows();
-  EXPECT_EQ(rows.column_begin, (std::vector<int>{0, 3, 6, 9, 12, 15, 16}));
-  EXPECT_EQ(rows.rows,
-            (std::vector<int>{0, 1, 5, 0, 1, 5, 2, 3, 4, 2, 3, 4, 2, 3, 4, 5}));
-  pattern.MoveValues([](int row, int column) {
-    return BlockPattern::Place{static_cast<size_t>(column) * 6 + row, 6};
-  });
-  EXPECT_EQ(pattern.Find(0, 2).position, 5u);
-  EXPECT_EQ(pattern.Find(1, 1).position, 14u);
-  EXPECT_EQ(pattern.Find(2, 2).position, 35u);
-  EXPECT_EQ(pattern.Find(1, 1).stride, 6);
-}
-
 TEST(BlockPatternTest, ContainsOnlyTheGivenPairs) {
   const BlockPattern pattern({2, 2, 2},
                              {MakeBlockPairKey(0, 0), MakeBlockPairKey(0, 2),

@@ -97,27 +97,20 @@ TEST_P(EachModelTest, OptimumIsThatOfCeres) {
   }
 }
 
-constexpr ReducedSolver kIterativeSolvers[] = {ReducedSolver::kIterative,
-                                               ReducedSolver::kCompact};
-
 TEST_P(EachModelTest, IterativeOptimumIsTheDirectOne) {
   RigSolverOptions iterative = Tight();
-  for (const ReducedSolver solver : kIterativeSolvers) {
-    iterative.reduced_solver.type = solver;
-    ExpectSameOptimum(MakePixelScene(Scenes().front()), iterative, Tight());
-  }
+  iterative.reduced_solver = ReducedSolver::kIterative;
+  ExpectSameOptimum(MakePixelScene(Scenes().front()), iterative, Tight());
 }
 
 TEST(RigSolverTest, OptimumOfCutPointsIsTheDirectOne) {
   RigSolverOptions iterative = Tight();
-  for (const ReducedSolver solver : kIterativeSolvers) {
-    iterative.reduced_solver.type = solver;
-    RigSceneOptions options = SceneOfLongTracks();
-    ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
-    options.rotations_are_free = false;
-    ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
-    ExpectSameOptimum(MakeRayScene(options, 0.005), iterative, Tight());
-  }
+  iterative.reduced_solver = ReducedSolver::kIterative;
+  RigSceneOptions options = SceneOfLongTracks();
+  ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
+  options.rotations_are_free = false;
+  ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
+  ExpectSameOptimum(MakeRayScene(options, 0.005), iterative, Tight());
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -135,7 +128,7 @@ RigScene<RayObservation> RayScene() {
 TEST(RigSolverTest, OptimumWithPriorsOnPosesIsThatOfCeres) {
   RigSolverOptions ceres = Tight(), iterative = Tight();
   ceres.backend = SolverBackend::kCeres;
-  iterative.reduced_solver.type = ReducedSolver::kIterative;
+  iterative.reduced_solver = ReducedSolver::kIterative;
   RigScene<PixelObservation> scene = MakePixelScene(
       NoisyScene({PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}));
   AddPosePriorsNearby(0.05, &scene);
@@ -146,7 +139,7 @@ TEST(RigSolverTest, OptimumWithPriorsOnPosesIsThatOfCeres) {
 TEST(RigSolverTest, OptimumOfRaysAndBaselinesIsThatOfCeres) {
   RigSolverOptions ceres = Tight(), iterative = Tight();
   ceres.backend = SolverBackend::kCeres;
-  iterative.reduced_solver.type = ReducedSolver::kIterative;
+  iterative.reduced_solver = ReducedSolver::kIterative;
   const RigScene<RayObservation> scene = RayScene();
   ExpectSameOptimum(scene, Tight(), ceres);
   ExpectSameOptimum(scene, iterative, Tight());
@@ -158,7 +151,7 @@ void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver,
   RigSolverOptions options;
   options.backend = backend;
   options.max_num_iterations = 8;
-  options.reduced_solver.type = solver;
+  options.reduced_solver = solver;
   RigState one, three;
   const SolveSummary a = SolveWith(scene, 0.01, options, 1, &one);
   const SolveSummary b = SolveWith(scene, 0.01, options, 3, &three);
@@ -188,16 +181,15 @@ TEST(RigSolverTest, ThreadsDoNotChangeABit) {
   options.params_are_free = true;
   const RigScene<PixelObservation> pixels = MakePixelScene(options);
   const RigScene<RayObservation> rays = MakeRayScene(options, 0.005);
-  for (const auto solver : {ReducedSolver::kDirect, ReducedSolver::kIterative,
-                            ReducedSolver::kCompact}) {
+  for (const auto solver :
+       {ReducedSolver::kDirect, ReducedSolver::kIterative}) {
     ExpectSameBits(pixels, solver);
     ExpectSameBits(rays, solver);
   }
   ExpectSameBits(pixels, ReducedSolver::kDirect, SolverBackend::kCeres);
   ExpectSameBits(rays, ReducedSolver::kDirect, SolverBackend::kCeres);
-  for (const ReducedSolver solver : kIterativeSolvers) {
-    ExpectSameBits(MakePixelScene(SceneOfLongTracks()), solver);
-  }
+  ExpectSameBits(MakePixelScene(SceneOfLongTracks()),
+                 ReducedSolver::kIterative);
 }
 
 TEST(RigSolverTest, CanSolveAgainWithOtherValues) {
@@ -214,21 +206,6 @@ TEST(RigSolverTest, CanSolveAgainWithOtherValues) {
   EXPECT_NEAR(summary.final_cost, expected.final_cost,
               1e-8 * expected.final_cost);
   EXPECT_LT(PoseDifference(again, anew), 1e-5);
-}
-
-TEST(RigSolverTest, CompactSolverKeepsPointsUnlessItFails) {
-  RigSolverOptions options = Tight();
-  options.reduced_solver.type = ReducedSolver::kCompact;
-  const RigScene<RayObservation> scene = RayScene();
-  RigState state = scene.truth;
-  const size_t num_points = state.points.size();
-  EXPECT_TRUE(
-      SolveRigProblem(scene.problem, options, Threads(2), &state).IsUsable());
-  EXPECT_EQ(state.points.size(), num_points);
-  state.points[0].setConstant(std::numeric_limits<double>::quiet_NaN());
-  EXPECT_FALSE(
-      SolveRigProblem(scene.problem, options, Threads(2), &state).IsUsable());
-  EXPECT_TRUE(state.points.empty());
 }
 
 TEST(RigSolverTest, FinalCostIsThatOfTheState) {

@@ -94,14 +94,11 @@ struct BundleAdjustmentOptions {
       "function_tolerance", 1e-6, Between(0.0, 1.0),
       "A solve has converged when the relative change of the cost is at most "
       "this."};
-  Option<double> loss_scale_px{
-      "loss_scale", 1.8, GreaterThan(0.0), "px",
-      "Scale of the Cauchy loss of reprojection errors."};
-  Option<double> loss_sigma_factor{
-      "loss_sigma_factor", 2.385, GreaterThan(0.0),
-      "Upper bound of loss_scale in standard deviations of the keypoint noise, "
-      "after the first triangulation. 2.385 is 95 % efficient for normal "
-      "noise."};
+  // Scale of the Cauchy loss of reprojection errors.
+  double loss_scale_px = 1.8;
+  // Upper bound of loss_scale in standard deviations of the keypoint noise,
+  // after the first triangulation. 2.385 is 95 % efficient for normal noise.
+  double loss_sigma_factor = 2.385;
   Option<bool> refine_rig_from_world{"refine_rig_from_world", true,
                                      "Refine frame poses."};
   Option<RefineMode> refine_sensor_from_rig{
@@ -123,11 +120,10 @@ struct BundleAdjustmentOptions {
   Option<double> focal_length_prior_sigma{
       "focal_length_prior_sigma", 1e-3, GreaterThan(0.0),
       "Relative standard deviation of prior focal lengths that are refined."};
-  Option<double> focal_length_start_sigma{
-      "focal_length_start_sigma", 0.2, GreaterThan(0.0),
-      "Relative standard deviation of initial focal lengths that are not "
-      "priors. It keeps a focal length near its initial value if the motion "
-      "does not determine it."};
+  // Relative standard deviation of initial focal lengths that are not priors.
+  // It keeps a focal length near its initial value if the motion does not
+  // determine it.
+  double focal_length_start_sigma = 0.2;
   Option<double> max_focal_length_sigma{
       "max_focal_length_sigma", 0.01, GreaterThan(0.0),
       "Refined focal lengths with a larger relative standard deviation are "
@@ -161,15 +157,13 @@ struct BundleAdjustmentOptions {
   Option<int> num_rounds{
       "num_rounds", 3, AtLeast(0), "rounds",
       "Number of rounds of a solve and a triangulation of all points."};
-  Option<double> error_sigma_factor{
-      "error_sigma_factor", 4.0, GreaterThan(0.0),
-      "Observations with a reprojection error above this many standard "
-      "deviations of the keypoint noise are outliers."};
-  Option<double> min_max_error_px{
-      "min_max_error", 2.0, GreaterThan(0.0), "px",
-      "Lower bound of the outlier threshold of error_sigma_factor. Pair "
-      "verification accepts errors of both keypoints of up to twice as much, "
-      "and the errors of recorded keypoints have heavy tails."};
+  // Observations with a reprojection error above this many standard deviations
+  // of the keypoint noise are outliers.
+  double error_sigma_factor = 4.0;
+  // Lower bound of the outlier threshold of error_sigma_factor. Pair
+  // verification accepts errors of both keypoints of up to twice as much, and
+  // the errors of recorded keypoints have heavy tails.
+  double min_max_error_px = 2.0;
   Option<double> max_max_error_px{
       "max_max_error", 4.0, GreaterThan(0.0), "px",
       "Observations with a reprojection error above this are outliers in the "
@@ -177,13 +171,10 @@ struct BundleAdjustmentOptions {
   Option<double> min_triangulation_angle_deg{
       "min_triangulation_angle_deg", 1.0, Between(0.0, 90.0), "deg",
       "Points with a smaller triangulation angle are removed."};
-  Option<double> min_two_view_angle_deg{
-      "min_two_view_angle_deg", 2.0, Between(0.0, 90.0), "deg",
-      "Points with two observations and a smaller triangulation angle are "
-      "removed."};
-  Option<int> min_num_observations{
-      "min_num_observations", 2, AtLeast(2), "observations",
-      "Points with fewer observations are removed."};
+  // Points with two observations and a smaller triangulation angle are removed.
+  double min_two_view_angle_deg = 2.0;
+  // Points with fewer observations are removed.
+  int min_num_observations = 2;
   Option<double> min_track_share{
       "min_track_share", 0.75, Between(0.0, 1.0),
       "Points are removed if a smaller share of the images of their track are "
@@ -193,46 +184,31 @@ struct BundleAdjustmentOptions {
       "Points are removed in the last round if a smaller share of the matches "
       "of their keypoints in the database agrees. A vehicle agrees with a few "
       "images and contradicts the others that show it. 0 disables the test."};
-  Option<double> max_relative_distance{
-      "max_relative_distance", 40.0, AtLeast(0.0),
-      "Points farther from all of their cameras, in median distances, are "
-      "removed. A vehicle alongside appears infinitely far and biases the "
-      "rotation of the rig. 0 disables the test."};
-  Option<double> max_relative_distance_of_one_image{
-      "max_relative_distance_of_one_image", 5.0, AtLeast(0.0),
-      "The same limit for points that no frame observes with two images, in "
-      "cameras that see most distant points together with another. Two images "
-      "of a frame measure how far away a vehicle is. 0 disables the test."};
-  Option<double> min_two_view_relative_distance{
-      "min_two_view_relative_distance", 0.1, Between(0.0, 1.0),
-      "Points with only two observations are removed if they are nearer to a "
-      "camera than this, in median distances. Most are wrong matches, and near "
-      "points constrain the frame strongly."};
-  Option<int> min_num_observations_per_frame{
-      "min_num_observations_per_frame", 6, AtLeast(0), "observations",
-      "Frames with fewer observations are reported as weak."};
-
-  // Not an option of commands, which set it to keep a limit of memory: solve in
-  // little memory, with so many neighbours of each frame in the preconditioner.
-  // With 16, a solve takes about twice the time; more of them take memory and
-  // save time.
-  std::optional<int> num_neighbours_in_little_memory;
+  // Points farther from all of their cameras, in median distances, are removed.
+  // A vehicle alongside appears infinitely far and biases the rotation of the
+  // rig. 0 disables the test.
+  double max_relative_distance = 40.0;
+  // The same limit for points that no frame observes with two images, in
+  // cameras that see most distant points together with another. Two images of a
+  // frame measure how far away a vehicle is. 0 disables the test.
+  double max_relative_distance_of_one_image = 5.0;
+  // Points with only two observations are removed if they are nearer to a
+  // camera than this, in median distances. Most are wrong matches, and near
+  // points constrain the frame strongly.
+  double min_two_view_relative_distance = 0.1;
+  // Frames with fewer observations are reported as weak.
+  int min_num_observations_per_frame = 6;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(backend, max_num_iterations, function_tolerance, loss_scale_px,
-          loss_sigma_factor, refine_rig_from_world, refine_sensor_from_rig,
-          refine_points, refine_focal_length, refine_principal_point,
-          refine_extra_params, focal_length_prior_sigma,
-          focal_length_start_sigma, max_focal_length_sigma,
+    visit(backend, max_num_iterations, function_tolerance,
+          refine_rig_from_world, refine_sensor_from_rig, refine_points,
+          refine_focal_length, refine_principal_point, refine_extra_params,
+          focal_length_prior_sigma, max_focal_length_sigma,
           min_focal_length_ratio, max_focal_length_ratio, max_extra_param,
           sensor_from_rig_prior_sigma_deg, sensor_from_rig_prior_sigma,
-          prior_position_loss_scale, num_rounds, error_sigma_factor,
-          min_max_error_px, max_max_error_px, min_triangulation_angle_deg,
-          min_two_view_angle_deg, min_num_observations, min_track_share,
-          min_match_share, max_relative_distance,
-          max_relative_distance_of_one_image, min_two_view_relative_distance,
-          min_num_observations_per_frame);
+          prior_position_loss_scale, num_rounds, max_max_error_px,
+          min_triangulation_angle_deg, min_track_share, min_match_share);
   }
 };
 
@@ -315,15 +291,6 @@ struct FixedPoses {
                                         const BundlePriors& priors = {},
                                         const FixedPoses& fixed = {});
 
-// put_points() keeps the points of the model somewhere else until
-// take_points(), so that they take no memory during a solve. A solve does not
-// read the keypoints of the scene either, so that they may wait there, too.
-// Empty functions do nothing.
-struct RefinementStore {
-  std::function<void(std::vector<Point3D>)> put_points = {};
-  std::function<std::vector<Point3D>()> take_points = {};
-};
-
 // Evidence for points and against them.
 struct CandidateSource {
   // Returns groups of keypoints that can be observations of one point. The
@@ -373,13 +340,13 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
     const Scene& scene, const CandidateSource& candidates,
     Reconstruction initial, const BundleAdjustmentOptions& options,
     const Context& context, const BundlePriors& priors = {},
-    const FixedPoses& fixed = {}, const RefinementStore& store = {});
+    const FixedPoses& fixed = {});
 
 // Step 2's triangulation alone, with max_max_error_px as bound. For models
 // without points or with new frames.
 [[nodiscard]] Reconstruction TriangulateCandidates(
     const Scene& scene, const CandidateSource& candidates,
-    const Reconstruction& initial, const BundleAdjustmentOptions& options,
+    Reconstruction initial, const BundleAdjustmentOptions& options,
     const Context& context);
 
 }  // namespace mgsfm

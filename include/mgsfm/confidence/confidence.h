@@ -52,19 +52,12 @@ namespace mgsfm {
 // seam are correct.
 
 struct ConfidenceOptions {
-  Option<int> min_num_ties{
-      "min_num_ties", 5, AtLeast(0), "points",
-      "Report cuts as weak seams if fewer points are observed by two frames on "
-      "either side, or by all frames of a smaller side."};
-  Option<double> max_share_against{
-      "max_share_against", 0.6, Between(0.0, 1.0),
-      "A cut is reported as a weak seam if the largest group of rejected pairs "
-      "across it has more than this share of the matches."};
-
-  template <class Visitor>
-  void Describe(Visitor& visit) {
-    visit(min_num_ties, max_share_against);
-  }
+  // Report cuts as weak seams if fewer points are observed by two frames on
+  // either side, or by all frames of a smaller side.
+  int min_num_ties = 5;
+  // A cut is reported as a weak seam if the largest group of rejected pairs
+  // across it has more than this share of the matches.
+  double max_share_against = 0.6;
 };
 
 enum class SeamReason {

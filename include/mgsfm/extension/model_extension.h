@@ -40,14 +40,13 @@ struct ResectionOptions {
   Option<double> abs_pose_min_inlier_ratio{
       "abs_pose_min_inlier_ratio", 0.25, Between(0.0, 1.0),
       "Minimum inlier ratio, over all images of a frame, to register it."};
-  Option<int> abs_pose_max_num_trials{
-      "abs_pose_max_num_trials", 2000, AtLeast(1), "trials",
-      "Maximum number of RANSAC trials per frame."};
+  // Maximum number of RANSAC trials per frame.
+  int abs_pose_max_num_trials = 2000;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(abs_pose_max_error_px, abs_pose_min_num_inliers,
-          abs_pose_min_inlier_ratio, abs_pose_max_num_trials);
+          abs_pose_min_inlier_ratio);
   }
 };
 

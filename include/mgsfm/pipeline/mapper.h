@@ -114,11 +114,9 @@ struct MapperOptions {
     visit.Group("PairFiltering", pair_filtering);
     visit.Group("RotationAveraging", rotation_averaging);
     visit.Group("Tracks", tracks);
-    visit.Group("MatchSelection", match_selection);
     visit.Group("TranslationAveraging", translation_averaging);
     visit.Group("BundleAdjustment", bundle_adjustment);
     visit.Group("SoftRig", soft_rig);
-    visit.Group("Confidence", confidence);
   }
 };
 

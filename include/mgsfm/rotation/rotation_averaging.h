@@ -96,29 +96,23 @@ struct RotationAveragingOptions {
   Option<int> inlier_cap{
       "inlier_cap", 200, AtLeast(1), "matches",
       "Matches beyond this count do not increase the weight of a pair."};
-  Option<int> max_num_l1_iterations{
-      "max_num_l1_iterations", 5, AtLeast(0), "iterations",
-      "Maximum number of linearisations of L1 averaging."};
+  // Maximum number of linearisations of L1 averaging.
+  int max_num_l1_iterations = 5;
   Option<int> max_num_iterations{
       "max_num_iterations", 100, AtLeast(1), "iterations",
       "Maximum number of iterations of re-weighted least squares."};
-  Option<double> step_tolerance_deg{
-      "step_tolerance_deg", 5e-5, GreaterThan(0.0), "deg",
-      "Iterations stop when no rotation changes by more than this angle."};
-  Option<double> min_hand_eye_rotation_deg{
-      "min_hand_eye_rotation_deg", 3.0, Between(0.0, 90.0), "deg",
-      "A sensor without overlap is unobservable if its rotations about a "
-      "second axis have a smaller root mean square."};
-  Option<double> gravity_sigma_deg{
-      "gravity_sigma_deg", 1.0, GreaterThan(0.0), "deg",
-      "Standard deviation of gravity priors; larger errors are detected and "
-      "raise it."};
+  // Iterations stop when no rotation changes by more than this angle.
+  double step_tolerance_deg = 5e-5;
+  // A sensor without overlap is unobservable if its rotations about a second
+  // axis have a smaller root mean square.
+  double min_hand_eye_rotation_deg = 3.0;
+  // Standard deviation of gravity priors; larger errors are detected and raise
+  // it.
+  double gravity_sigma_deg = 1.0;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(strategy, max_error_deg, inlier_cap, max_num_l1_iterations,
-          max_num_iterations, step_tolerance_deg, min_hand_eye_rotation_deg,
-          gravity_sigma_deg);
+    visit(strategy, max_error_deg, inlier_cap, max_num_iterations);
   }
 };
 

@@ -90,23 +90,20 @@ struct SoftRigOptions {
       "them if cameras do not trigger simultaneously."};
   Option<int> max_num_rounds{
       "max_num_rounds", 15, AtLeast(1), "rounds",
-      "Maximum number of rounds. Raise it if the estimate has not converged."};
-  Option<double> sigma_tolerance{
-      "sigma_tolerance", 0.05, GreaterThan(0.0),
-      "Convergence requires that no standard deviation changes by more than "
-      "this fraction."};
-  Option<double> time_offset_tolerance_s{
-      "time_offset_tolerance", 1e-5, GreaterThan(0.0), "s",
-      "Converged when no time offset changes by more than this."};
-  Option<double> max_time_offset_sigma{
-      "max_time_offset_sigma", 0.1, GreaterThan(0.0),
-      "A time offset is unobservable if its standard deviation exceeds this "
-      "fraction of the median time between two frames."};
+      "Set the maximum number of rounds. Raise it if the estimate has not "
+      "converged."};
+  // Convergence requires that no standard deviation changes by more than this
+  // fraction.
+  double sigma_tolerance = 0.05;
+  // Converged when no time offset changes by more than this.
+  double time_offset_tolerance_s = 1e-5;
+  // A time offset is unobservable if its standard deviation exceeds this
+  // fraction of the median time between two frames.
+  double max_time_offset_sigma = 0.1;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(method, max_num_rounds, sigma_tolerance, time_offset_tolerance_s,
-          max_time_offset_sigma);
+    visit(method, max_num_rounds);
   }
 };
 

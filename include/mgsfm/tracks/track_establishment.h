@@ -17,25 +17,22 @@ struct TrackOptions {
       "min_track_length", 3, AtLeast(2), "images",
       "Minimum track length. Shorter tracks are only used in images with fewer "
       "than min_tracks_per_image tracks."};
-  Option<int> min_tracks_per_image{
-      "min_tracks_per_image", 50, AtLeast(0), "tracks",
-      "Minimum number of tracks per image. Images with fewer also use shorter "
-      "tracks, the longest first."};
+  // Minimum number of tracks per image. Images with fewer also use shorter
+  // tracks, the longest first.
+  int min_tracks_per_image = 50;
   Option<int> max_tracks_per_image{
       "max_tracks_per_image", 0, AtLeast(0), "tracks",
       "Maximum number of tracks per image: a track is dropped if all its "
       "images have that many longer ones; 0 keeps all. Set it to save time and "
       "memory."};
-  Option<double> max_duplicate_distance_px{
-      "max_duplicate_distance_px", 3.0, AtLeast(0.0), "px",
-      "Maximum distance of two keypoints of an image that count as one feature "
-      "detected twice. More distant keypoints of one image in a track are a "
-      "conflict and split it."};
+  // Maximum distance of two keypoints of an image that count as one feature
+  // detected twice. More distant keypoints of one image in a track are a
+  // conflict and split it.
+  double max_duplicate_distance_px = 3.0;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(min_track_length, min_tracks_per_image, max_tracks_per_image,
-          max_duplicate_distance_px);
+    visit(min_track_length, max_tracks_per_image);
   }
 };
 
@@ -53,16 +50,10 @@ struct TrackResult {
 };
 
 struct MatchSelectionOptions {
-  Option<double> min_pair_share{
-      "min_pair_share", 0.4, Between(0.0, 1.0),
-      "Minimum ratio of the matches between two frames that agree with their "
-      "poses; otherwise all of them are rejected. Increase it if structures "
-      "repeat."};
-
-  template <class Visitor>
-  void Describe(Visitor& visit) {
-    visit(min_pair_share);
-  }
+  // Minimum ratio of the matches between two frames that agree with their
+  // poses; otherwise all of them are rejected. Increase it if structures
+  // repeat.
+  double min_pair_share = 0.4;
 };
 
 // The used matches of a view graph.

@@ -44,26 +44,22 @@ struct TranslationAveragingOptions {
       "backend", SolverBackend::kNative,
       "Solver of the refinements. ceres uses the same derivatives and serves "
       "as a reference."};
-  Option<double> min_parallax_deg{
-      "min_parallax_deg", 0.3, Between(0.0, 60.0), "deg",
-      "Smallest parallax of matches that determine relative translations, and "
-      "of points. Decrease it for small baselines and precise keypoints."};
-  Option<double> max_angle_error_deg{
-      "max_angle_error_deg", 0.5, GreaterThan(0.0), "deg",
-      "Largest scale of the robust loss on angles. Rays that miss their point "
-      "by more than twice this angle are rejected."};
+  // Smallest parallax of matches that determine relative translations, and of
+  // points. Decrease it for small baselines and precise keypoints.
+  double min_parallax_deg = 0.3;
+  // Largest scale of the robust loss on angles. Rays that miss their point by
+  // more than twice this angle are rejected.
+  double max_angle_error_deg = 0.5;
   Option<int> max_num_iterations{
       "max_num_iterations", 50, AtLeast(1), "iterations",
       "Iteration limit of the last solve of each refinement."};
-  Option<int> min_num_points_per_image{
-      "min_num_points_per_image", 200, AtLeast(0), "points",
-      "Positions are refined with the longest tracks until each image has this "
-      "many observations. 0 uses all tracks, which takes longer."};
+  // Positions are refined with the longest tracks until each image has this
+  // many observations. 0 uses all tracks, which takes longer.
+  int min_num_points_per_image = 200;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(backend, min_parallax_deg, max_angle_error_deg, max_num_iterations,
-          min_num_points_per_image);
+    visit(backend, max_num_iterations);
   }
 };
 

@@ -65,28 +65,24 @@ struct FocalLengthOptions {
       "Estimate focal lengths that have no prior from image pairs, before "
       "relative poses are estimated, and then their lenses from maps of some "
       "frames."};
-  Option<double> max_sigma{
-      "max_sigma", 0.01, GreaterThan(0.0),
-      "Maximum relative standard deviation of an accepted estimate of a focal "
-      "length. Less certain ones are a start, and the model names them."};
-  Option<int> max_num_pairs{
-      "max_num_pairs", 100, AtLeast(1), "pairs",
-      "Maximum number of image pairs per camera, selected at equal spacing. "
-      "Decrease it to save time."};
+  // Maximum relative standard deviation of an accepted estimate of a focal
+  // length. Less certain ones are a start, and the model names them.
+  double max_sigma = 0.01;
+  // Maximum number of image pairs per camera, selected at equal spacing.
+  // Decrease it to save time.
+  int max_num_pairs = 100;
   Option<bool> select_camera_model{
       "select_camera_model", true,
       "Replace SIMPLE_RADIAL, the default of feature extraction, by RADIAL for "
       "cameras without calibration whose images need a second radial "
       "parameter. 0 keeps the models of the database."};
-  Option<int> max_num_rounds{
-      "max_num_rounds", 4, AtLeast(0), "rounds",
-      "Maximum number of maps of a part of the frames before the final one. "
-      "Each verifies the image pairs with the lenses of the one before."};
+  // Maximum number of maps of a part of the frames before the final one. Each
+  // verifies the image pairs with the lenses of the one before.
+  int max_num_rounds = 4;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(calibrate, max_sigma, max_num_pairs, select_camera_model,
-          max_num_rounds);
+    visit(calibrate, select_camera_model);
   }
 };
 

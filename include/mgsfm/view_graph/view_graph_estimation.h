@@ -17,30 +17,23 @@ struct ViewGraphOptions {
       "max_error_px", 2.0, GreaterThan(0.0), "px",
       "Maximum epipolar error of an inlier. Increase it for images of very "
       "high resolution."};
-  Option<double> loss_scale{
-      "loss_scale", 1.0, GreaterThan(0.0), "median errors",
-      "Scale of the Cauchy loss on epipolar errors, as a multiple of the "
-      "median error of the pair."};
-  Option<double> min_row_inlier_ratio{
-      "min_row_inlier_ratio", 0.5, Between(0.0, 1.0),
-      "Minimum inlier ratio of the two-view geometry in the database to "
-      "initialize the relative pose; otherwise it is re-estimated."};
-  Option<double> min_parallax_px{
-      "min_parallax_px", 2.0, AtLeast(0.0), "px",
-      "Minimum error of a match to a pure rotation that counts as parallax."};
-  Option<double> min_parallax_ratio{
-      "min_parallax_ratio", 0.05, Between(0.0, 1.0),
-      "Minimum ratio of inliers with parallax; pairs with a smaller one get a "
-      "relative rotation without translation direction."};
-  Option<int> max_num_trials{
-      "max_num_trials", 2000, AtLeast(1), "trials",
-      "Maximum number of RANSAC trials per re-estimated pair."};
+  // Scale of the Cauchy loss on epipolar errors, as a multiple of the median
+  // error of the pair.
+  double loss_scale = 1.0;
+  // Minimum inlier ratio of the two-view geometry in the database to initialize
+  // the relative pose; otherwise it is re-estimated.
+  double min_row_inlier_ratio = 0.5;
+  // Minimum error of a match to a pure rotation that counts as parallax.
+  double min_parallax_px = 2.0;
+  // Minimum ratio of inliers with parallax; pairs with a smaller one get a
+  // relative rotation without translation direction.
+  double min_parallax_ratio = 0.05;
+  // Maximum number of RANSAC trials per re-estimated pair.
+  int max_num_trials = 2000;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(min_num_inliers, min_inlier_ratio, max_error_px, loss_scale,
-          min_row_inlier_ratio, min_parallax_px, min_parallax_ratio,
-          max_num_trials);
+    visit(min_num_inliers, min_inlier_ratio, max_error_px);
   }
 };
 

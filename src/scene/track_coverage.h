@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "mgsfm/base/mask.h"
+#include "mgsfm/scene/estimates.h"
+
+namespace mgsfm {
+
+// Selects tracks that cover all images, the longest first: they connect most
+// images for their number of observations.
+class TrackCoverage {
+ public:
+  // The tracks must outlive this object.
+  TrackCoverage(const ObservationGroups& tracks, size_t num_images);
+
+  // Also selects tracks of this length or more of which an image has fewer than
+  // num_per_image selected ones.
+  void Select(size_t min_length, int num_per_image);
+
+  const Mask& is_selected() const { return is_selected_; }
+  size_t num_observations() const { return num_observations_; }
+
+ private:
+  const ObservationGroups& tracks_;
+  std::vector<size_t> longest_first_;
+  Mask is_selected_;
+  std::vector<int> num_tracks_of_image_;
+  size_t num_observations_ = 0;  // of the selected tracks
+};
+
+}  // namespace mgsfm
