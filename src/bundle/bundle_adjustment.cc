@@ -23,6 +23,9 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = function_tolerance;
+  if (options.saves_memory) {
+    solver_options.reduced_solver = ReducedSolver::kIterative;
+  }
   RigSolver<PixelObservation> solver(built->problem, solver_options, context);
   // The native solver holds its own copy, in its own order.
   if (options.backend == SolverBackend::kNative) {

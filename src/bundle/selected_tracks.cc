@@ -47,8 +47,10 @@ BundleResult RefineBySelectedTracks(const Scene& scene, Reconstruction initial,
     if (is_selected[p]) initial.points.push_back(points[p]);
   }
   const CandidateSource selected = FixedCandidates(GroupTracks(initial.points));
-  BundleResult result = RefineReconstruction(
-      scene, selected, std::move(initial), options, context);
+  BundleAdjustmentOptions solve = options;
+  solve.saves_memory = true;
+  BundleResult result =
+      RefineReconstruction(scene, selected, std::move(initial), solve, context);
   result.estimate.points = std::move(points);
   BundleAdjustmentOptions last = options;
   last.max_max_error_px = result.summary.rounds.back().max_error_px;

@@ -8,8 +8,8 @@
 namespace mgsfm {
 
 // RefineReconstruction() for the tracks of the points of a model, in little
-// memory. It solves for a selection of the tracks, with at most so many
-// observations: the longest ones that cover all images about equally. All
+// memory. It solves iteratively for a selection of the tracks, with at most so
+// many observations: the longest ones that cover all images about equally. All
 // tracks are then triangulated with the resulting poses and intrinsics. Memory:
 // that of the solves for the selection, and the model twice.
 [[nodiscard]] BundleResult RefineBySelectedTracks(

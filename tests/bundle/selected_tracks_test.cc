@@ -44,11 +44,12 @@ TEST(RefineBySelectedTracksTest, FewObservationsPoseAllFramesAndPoints) {
   EXPECT_LT(difference.max_position, 2.0 * reference.max_position);
 }
 
-TEST(RefineBySelectedTracksTest, AllObservationsAreTheUsualRefinement) {
+TEST(RefineBySelectedTracksTest, AllObservationsReachTheUsualOptimum) {
   const Simulation simulation = Simulate(NoisyLoop());
   const Reconstruction initial =
       Perturbed(simulation.scene, simulation.ground_truth, 0.01, 6);
-  const BundleAdjustmentOptions options;
+  BundleAdjustmentOptions options;
+  options.function_tolerance = 1e-13;
   const BundleResult all = RefineReconstruction(
       simulation.scene, FixedCandidates(GroupTracks(initial)), initial, options,
       Threads(2));
@@ -56,7 +57,7 @@ TEST(RefineBySelectedTracksTest, AllObservationsAreTheUsualRefinement) {
       simulation.scene, initial, options, NumObservations(initial), Threads(2));
   const ModelDifference difference =
       CompareModels(simulation.scene, all.estimate, selected.estimate);
-  EXPECT_LT(difference.max_position, 1e-9);
+  EXPECT_LT(difference.max_position, 1e-4);
 }
 
 }  // namespace

@@ -198,6 +198,9 @@ struct BundleAdjustmentOptions {
   double min_two_view_relative_distance = 0.1;
   // Frames with fewer observations are reported as weak.
   int min_num_observations_per_frame = 6;
+  // Solve iteratively even where a direct solution is faster: its matrix and
+  // factor are small.
+  bool saves_memory = false;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
