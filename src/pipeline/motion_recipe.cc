@@ -160,7 +160,7 @@ class MovingKeypoints {
  private:
   void Count(const MotionProblem& problem, const ExpectedPair& expected) {
     const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-    const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+    const double tolerance_rad = ToleranceOf(problem, expected);
     for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
       balance_[image_idx].resize(
           problem.scene.images[image_idx].keypoints_px.size(), 0);
@@ -184,7 +184,7 @@ std::vector<Match> AgreeingMatches(const MotionProblem& problem,
                                    const MovingKeypoints& moving,
                                    const ExpectedPair& expected,
                                    const ImagePair& pair) {
-  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+  const double tolerance_rad = ToleranceOf(problem, expected);
   std::vector<Match> agreeing;
   for (const Match& match : pair.matches) {
     if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
@@ -290,7 +290,7 @@ std::vector<ExpectedPair> SelectDoubtful(
 bool MostDepthsAgree(const MotionProblem& problem,
                      const ExpectedPair& expected) {
   const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+  const double tolerance_rad = ToleranceOf(problem, expected);
   size_t num_agreeing = 0, num_contradicting = 0;
   for (const Match& match : pair.matches) {
     switch (CompareWithMotion(problem.bearings, problem.depths, pair, match,

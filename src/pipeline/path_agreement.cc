@@ -75,6 +75,21 @@ size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
 
 }  // namespace
 
+double ToleranceOf(const MotionProblem& problem, const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  const double keypoint_rad = ToleranceOf(problem, pair, 0.0);
+  const double of_rotation =
+      expected.covariance.topLeftCorner<3, 3>().trace() / 3.0;
+  const double of_center =
+      expected.covariance.bottomRightCorner<3, 3>().trace() / 3.0;
+  const double per_length = problem.noise_displacement > 0.0
+                                ? keypoint_rad / problem.noise_displacement
+                                : 0.0;
+  return keypoint_rad + expected.drift_rad +
+         kNumSigmas *
+             std::sqrt(of_rotation + per_length * per_length * of_center);
+}
+
 std::optional<ExpectedPair> ExpectPair(const MotionProblem& problem,
                                        size_t pair_idx, int frame_idx1,
                                        const MeasuredMotion& rig2_from_rig1) {

@@ -26,6 +26,12 @@ struct ExpectedPair {
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
 };
 
+// The bound of epipolar errors of the matches of an expected pair: that of
+// keypoints, the drift, and 1.96 standard deviations of the angle by which the
+// errors of the motion displace points at the median distance.
+[[nodiscard]] double ToleranceOf(const MotionProblem& problem,
+                                 const ExpectedPair& expected);
+
 // By the motion of the rig from frame `frame_idx1` to the other frame of the
 // pair. nullopt unless the poses of its sensors in the rig are known.
 [[nodiscard]] std::optional<ExpectedPair> ExpectPair(
