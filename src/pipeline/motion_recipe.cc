@@ -32,11 +32,6 @@ using FramePair = FramePairIndex::FramePair;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// The path drifts by a random walk with this error per step, the median error
-// of interpolated steps on simulated drives.
-constexpr double kDriftPerStep_rad = 4e-3;
-// Errors of motions refined with depths.
-constexpr double kRefinedError_rad = 2e-3;
 // An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
@@ -71,13 +66,9 @@ std::vector<std::optional<double>> AverageLengths(
   return lengths;
 }
 
-// The motion from frame 1 to frame 2 of a pair of frames, and its error.
-struct PlacedFrames {
-  MeasuredMotion rig2_from_rig1;
-  double drift_rad = 0.0;
-};
-// Per pair of frames; nullopt unless the path measures the motion between them.
-using PlacedPairs = std::vector<std::optional<PlacedFrames>>;
+// Per pair of frames, the motion from frame 1 to frame 2; nullopt unless the
+// path measures it.
+using PlacedPairs = std::vector<std::optional<MeasuredMotion>>;
 
 // Motions are refined next to objects. Where no match measures a motion between
 // the frames, nothing is expected of their pairs.
@@ -103,10 +94,7 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
     }
     const MeasuredMotion motion =
         refined ? *refined : path.MeasuredBetween(earlier, later);
-    placed[i] =
-        PlacedFrames{is_reversed ? motion.Inverse() : motion,
-                     refined ? kRefinedError_rad
-                             : kDriftPerStep_rad * std::sqrt(*frames.time_gap)};
+    placed[i] = is_reversed ? motion.Inverse() : motion;
   });
   return placed;
 }
@@ -119,11 +107,8 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
     if (!placed[f]) continue;
     const FramePair& frames = problem.index.frame_pairs()[f];
     for (const size_t i : frames.pair_idxs) {
-      auto pair =
-          ExpectPair(problem, i, frames.frame_idx1, placed[f]->rig2_from_rig1);
-      if (!pair) continue;
-      pair->drift_rad = placed[f]->drift_rad;
-      expected.push_back(*pair);
+      const auto pair = ExpectPair(problem, i, frames.frame_idx1, *placed[f]);
+      if (pair) expected.push_back(*pair);
     }
   }
   std::sort(expected.begin(), expected.end(), [](const auto& a, const auto& b) {
@@ -249,7 +234,6 @@ std::vector<ExpectedPair> VerifyPairs(
       e.cam2_from_cam1.translation =
           e.cam2_from_cam1.translation.norm() * *pose.translation_direction;
     }
-    e.drift_rad = 0.0;
     e.covariance.setZero();
     found.push_back(e);
     (*pair_of_scene)[e.pair_idx] = std::move(pair);
@@ -443,7 +427,6 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
         {i,
          sensor_from_rig * rig2_from_rig1.later_from_earlier *
              sensor_from_rig.Inverse(),
-         kDriftPerStep_rad * std::sqrt(*frames.time_gap),
          CovarianceOfExpected(sensor_from_rig.rotation, rig2_from_rig1)},
         lengths[i]);
   }
