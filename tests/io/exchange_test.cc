@@ -139,6 +139,18 @@ TEST(Exchange, TrajectoriesOfCamerasHaveAFileEach) {
   }
 }
 
+// Also where names are in another order than times.
+TEST(Exchange, LinesOfCamerasAreInTheOrderOfFrames) {
+  Simulation drive = Drive(RigPreset::kStereo);
+  for (Image& image : drive.scene.images) {
+    image.timestamp_s = 100.0 - image.frame_idx;
+  }
+  const auto of_camera = Export("kitti", drive, TrajectoryPoses::kCamera);
+  EXPECT_THAT(Numbers(of_camera[0].content),
+              testing::Pointwise(testing::DoubleNear(1e-9),
+                                 Numbers(Export("kitti", drive)[0].content)));
+}
+
 TEST(Exchange, TimesAreThoseOfTheNames) {
   Simulation drive = Drive(RigPreset::kStereo);
   const auto rename = [&](const std::string& prefix) {
