@@ -51,25 +51,3 @@ def test_changes_are_refused(request, text_model, tmp_path, name, line,
         path.write_text(original)
         assert done.returncode == 1, (column, words[column])
         assert not (tmp_path / "out").exists()
-
-
-def test_poses_of_another_unit_are_refused(request, text_model, tmp_path):
-    """Images without rigs, whose points are those of another model."""
-    program = request.config.getoption("--program").resolve()
-    folder = tmp_path / "scaled"
-    folder.mkdir()
-    for name in ("cameras", "points3D"):
-        (folder / f"{name}.txt").write_text(
-            (text_model / f"{name}.txt").read_text())
-    lines = (text_model / "images.txt").read_text().split("\n")
-    content = [i for i, text in enumerate(lines) if text[:1] != "#"]
-    for i in content[:-1:2]:
-        words = lines[i].split()
-        words[5:8] = [repr(1000 * float(word)) for word in words[5:8]]
-        lines[i] = " ".join(words)
-    (folder / "images.txt").write_text("\n".join(lines))
-    done = subprocess.run(
-        [program, "model_converter", "--input_path", folder, "--output_path",
-         tmp_path / "out"], capture_output=True, text=True, check=False)
-    assert done.returncode == 1 and "not of one model" in done.stderr
-    assert not (tmp_path / "out").exists()

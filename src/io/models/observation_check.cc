@@ -108,11 +108,6 @@ void CheckObservations(const Model& model, const std::filesystem::path& folder,
     throw Error(problem + ", but " + std::to_string(num) + " if images have " +
                 convention.remedy);
   }
-  if (10 * num_fitting < num_checked) {
-    throw Error(problem +
-                "; the files images, cameras and points3D are not of one "
-                "model; write it again with the program that made it");
-  }
   if (2 * num_misfits <= num_checked) return;
   context.Warning(problem +
                   "; the files images, cameras and points3D are "
