@@ -423,6 +423,11 @@ Json ToJson(const Scene& scene, const RigDelays& delays) {
          {"overdispersion", camera.overdispersion},
          {"overdispersion_of_points", camera.overdispersion_of_points}});
   }
+  if (delays.unit) {
+    json["unit_of_length"] = {{"log_factor", delays.unit->log_factor},
+                              {"sigma", delays.unit->sigma},
+                              {"is_certain", delays.unit->is_certain}};
+  }
   return json;
 }
 

@@ -23,13 +23,33 @@ std::string Count(size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
+// How exactly the known lengths of the rig determine the unit. Positions,
+// which add to that, are not judged.
+std::string MetricWithin(const MapperModel& model) {
+  const bool has_positions =
+      model.position_priors && model.position_priors->is_registered;
+  if (has_positions || !model.delays || !model.delays->unit) return "metric";
+  const UnitError& unit = *model.delays->unit;
+  std::string text = Formatted("metric within %.2g %%",
+                               100.0 * std::expm1(unit.RelativeSigma()));
+  if (unit.is_certain) {
+    text += Formatted(" (the residuals suggest lengths %.3f times as long)",
+                      std::exp(unit.log_factor));
+  }
+  return text;
+}
+
 std::string UnitOfLength(const MapperResult& result, const MapperModel& model) {
   // Registration to positions keeps the unit of a known rig.
-  if (model.translation.is_metric) return "metric, that of the known rig";
+  if (model.translation.is_metric) {
+    return MetricWithin(model) + ", that of the known rig";
+  }
   if (model.position_priors && model.position_priors->is_registered) {
     return "metric, that of the measured positions";
   }
-  if (model.metres_per_unit) return "metric, by the known baseline";
+  if (model.metres_per_unit) {
+    return MetricWithin(model) + ", by the known baseline";
+  }
   if (model.extension) return "that of the extended model";
   for (size_t m = 0; model.has_shared_unit && m < result.models.size(); ++m) {
     const MapperModel& first = result.models[m];
