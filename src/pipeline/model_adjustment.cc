@@ -238,7 +238,8 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
   AddRigErrors(scene, model->reconstruction, *model->delays,
                &*model->covariances);
   ListUnobservable(scene, model->reconstruction, context, &*model->covariances);
-  const std::string message = DescribeUnobservable(scene, *model->covariances);
+  const std::string message =
+      DescribeUnobservable(scene, model->reconstruction, *model->covariances);
   if (!message.empty()) context.Warning(message);
 }
 

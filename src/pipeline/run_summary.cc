@@ -9,6 +9,7 @@
 #include "base/format.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
+#include "pipeline/covariance_report.h"
 #include "scene/observations.h"
 
 namespace mgsfm {
@@ -126,9 +127,12 @@ std::vector<SensorAccuracy> Accuracies(const Scene& scene,
     const auto& covariance = model.covariances->sensors[k];
     if (!covariance || !IsCalibrated(scene, model.reconstruction, k)) continue;
     const auto variances = covariance->diagonal();
-    accuracies.push_back({scene.sensors[k].name,
-                          RadToDeg(std::sqrt(variances.head<3>().maxCoeff())),
-                          std::sqrt(variances.tail<3>().maxCoeff())});
+    accuracies.push_back(
+        {scene.sensors[k].name,
+         RadToDeg(std::sqrt(variances.head<3>().maxCoeff())),
+         std::sqrt(variances.tail<3>().maxCoeff()),
+         IsPlaceDetermined(model.reconstruction, *model.covariances,
+                           static_cast<int>(k))});
   }
   return accuracies;
 }
@@ -222,8 +226,10 @@ std::string DescribeRig(const ModelSummary& model) {
   }
   for (const SensorAccuracy& sensor : model.accuracies) {
     line += ", '" + sensor.name + "' within " +
-            Formatted("%.2g", sensor.sigma_rotation_deg) + " deg and " +
-            Formatted("%.2g", sensor.sigma_translation);
+            Formatted("%.2g", sensor.sigma_rotation_deg) + " deg" +
+            (sensor.place_is_determined
+                 ? " and " + Formatted("%.2g", sensor.sigma_translation)
+                 : ", its place not determined");
   }
   return line + " (one standard deviation)";
 }
