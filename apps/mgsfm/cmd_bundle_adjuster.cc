@@ -190,7 +190,8 @@ void WriteCovariances(const ModelScene& input, const Reconstruction& model,
     context.Warning("the covariances cannot be computed");
     return;
   }
-  const std::string message = DescribeUnobservable(input.scene, covariances);
+  const std::string message =
+      DescribeUnobservable(input.scene, model, covariances);
   if (!message.empty()) context.Warning(message);
   WriteFile(output.StagingDir() / "covariances.csv",
             CovariancesToCsv(input.scene, covariances));

@@ -317,28 +317,12 @@ std::vector<MapperModel> ReconstructComponents(
   return all;
 }
 
-// The matches without those of image regions that are fixed to the rig, if
-// there are any.
-std::optional<ViewGraph> FindVisible(const Scene& scene,
-                                     const Bearings& bearings,
-                                     const ViewGraph& matches,
-                                     const ViewGraph& verified,
-                                     const MapperOptions& options,
-                                     const Context& context) {
-  if (!options.pair_filtering.use_fixed_regions) return std::nullopt;
-  const FixedRegions regions = FindFixedRegions(
-      scene, bearings,
-      FramePairIndex(scene, verified, options.pair_filtering.is_sequence),
-      verified, options.view_graph.max_error_px);
-  if (!regions.Any()) return std::nullopt;
-  return DropFixedRegions(scene, regions, matches, context);
-}
-
 // The verified pairs, and the matches without those of fixed regions, if there
 // are any.
 struct VisiblePairs {
   ViewGraphResult verified;
   std::optional<ViewGraph> matches;
+  FixedRegions fixed;
 };
 
 // Verifies again without the matches of fixed regions.
@@ -352,13 +336,27 @@ VisiblePairs VerifyVisible(const Scene& scene, const Bearings& bearings,
                                context);
     });
   };
-  VisiblePairs pairs{verify("view graph", all_matches), {}};
-  pairs.matches = FindVisible(scene, bearings, all_matches,
-                              pairs.verified.estimate, options, context);
-  if (pairs.matches) {
-    pairs.verified = verify("visible view graph", *pairs.matches);
-  }
+  VisiblePairs pairs{verify("view graph", all_matches), {}, {}};
+  if (!options.pair_filtering.use_fixed_regions) return pairs;
+  const ViewGraph& verified = pairs.verified.estimate;
+  pairs.fixed = FindFixedRegions(
+      scene, bearings,
+      FramePairIndex(scene, verified, options.pair_filtering.is_sequence),
+      verified, options.view_graph.max_error_px);
+  if (!pairs.fixed.Any()) return pairs;
+  pairs.matches = DropFixedRegions(scene, pairs.fixed, all_matches, context);
+  pairs.verified = verify("visible view graph", *pairs.matches);
   return pairs;
+}
+
+std::vector<FixedRegion> ListFixedRegions(const FixedRegions& regions) {
+  std::vector<FixedRegion> list;
+  for (size_t s = 0; s < regions.of_sensor.size(); ++s) {
+    if (regions.of_sensor[s].empty()) continue;
+    list.push_back({static_cast<int>(s), FixedRegions::kNumRows,
+                    FixedRegions::kNumColumns, regions.of_sensor[s]});
+  }
+  return list;
 }
 
 // The models, the verdicts about pairs, and the frames without a model.
@@ -441,6 +439,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
                                  options, context, &result.times);
   const ViewGraph& view_graph = verified.pairs.verified.estimate;
   result.view_graph = verified.pairs.verified.summary;
+  result.fixed_regions = ListFixedRegions(verified.pairs.fixed);
   if (checks_input) CheckKnownRigs(scene, view_graph);
   if (input.existing_model) {
     ExtendModel(scene, verified.bearings, view_graph, *input.existing_model,

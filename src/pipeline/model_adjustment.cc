@@ -177,8 +177,13 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
     return MakeCandidateSource(separate, input.view_graph, input.matches,
                                input.pair_is_used, options, context);
   };
-  return EstimateRigDelays(input.scene, TimesOfFrames(input.scene), candidates,
-                           model, options.bundle_adjustment, context);
+  RigMeasurements measured{TimesOfFrames(input.scene), {}};
+  if (const auto baseline =
+          ParseMetricScale(options.metric_scale, input.scene)) {
+    measured.known_distances = baseline->sensor_idxs;
+  }
+  return EstimateRigDelays(input.scene, measured, candidates, model,
+                           options.bundle_adjustment, context);
 }
 
 // Bundle adjustment. Drops the rig from `priors` if the evidence of the model
@@ -233,7 +238,8 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
   AddRigErrors(scene, model->reconstruction, *model->delays,
                &*model->covariances);
   ListUnobservable(scene, model->reconstruction, context, &*model->covariances);
-  const std::string message = DescribeUnobservable(scene, *model->covariances);
+  const std::string message =
+      DescribeUnobservable(scene, model->reconstruction, *model->covariances);
   if (!message.empty()) context.Warning(message);
 }
 

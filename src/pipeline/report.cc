@@ -65,7 +65,8 @@ Json ToJson(const RunSummary& summary) {
     for (const SensorAccuracy& sensor : model.accuracies) {
       sensors.push_back({{"name", sensor.name},
                          {"sigma_rotation_deg", sensor.sigma_rotation_deg},
-                         {"sigma_translation", sensor.sigma_translation}});
+                         {"sigma_translation", sensor.sigma_translation},
+                         {"place_is_determined", sensor.place_is_determined}});
     }
     json["models"].push_back({{"num_frames", model.num_frames},
                               {"num_images", model.num_images},
@@ -423,16 +424,22 @@ Json ToJson(const Scene& scene, const RigDelays& delays) {
          {"overdispersion", camera.overdispersion},
          {"overdispersion_of_points", camera.overdispersion_of_points}});
   }
+  if (delays.unit) {
+    json["unit_of_length"] = {{"log_factor", delays.unit->log_factor},
+                              {"sigma", delays.unit->sigma},
+                              {"is_certain", delays.unit->is_certain}};
+  }
   return json;
 }
 
 // The gauge of the covariances, and the directions that are not observable.
-Json ToJson(const Scene& scene, const CovarianceResult& covariances) {
+Json ToJson(const Scene& scene, const Reconstruction& model,
+            const CovarianceResult& covariances) {
   Json json = {{"is_usable", covariances.is_usable},
                {"sigma_px", covariances.sigma_px},
                {"fixed_frame", nullptr},
                {"scale_is_fixed", covariances.scale_is_fixed},
-               {"message", DescribeUnobservable(scene, covariances)}};
+               {"message", DescribeUnobservable(scene, model, covariances)}};
   if (covariances.fixed_frame_idx) {
     json["fixed_frame"] = scene.frames[*covariances.fixed_frame_idx].name;
   }
@@ -523,7 +530,8 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   }
   if (model.delays) json["delays"] = ToJson(scene, *model.delays);
   if (model.covariances) {
-    json["covariances"] = ToJson(scene, *model.covariances);
+    json["covariances"] =
+        ToJson(scene, model.reconstruction, *model.covariances);
   }
   if (model.soft_rig_images) {
     json["soft_rig"] = ToJson(scene, model.soft_rig_images->summary);

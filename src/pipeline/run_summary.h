@@ -20,6 +20,7 @@ struct SensorAccuracy {
   // Largest standard deviations about and along the axes of the camera.
   double sigma_rotation_deg = 0.0;
   double sigma_translation = 0.0;
+  bool place_is_determined = true;  // see IsPlaceDetermined
 };
 
 // The lens of a camera of a model. Its focal length is the first of two.

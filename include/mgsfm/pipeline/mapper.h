@@ -198,6 +198,15 @@ struct LensSummary {
   std::vector<LensChoice> lenses;
 };
 
+// The parts of all images of a sensor that show what moves along with the rig
+// during the whole recording: equal cells, row by row.
+struct FixedRegion {
+  int sensor_idx = 0;
+  int num_rows = 0;
+  int num_columns = 0;
+  Mask is_fixed;
+};
+
 struct MapperResult {
   std::vector<MapperModel> models;  // by descending number of frames
   std::vector<UnregisteredFrame> unregistered_frames;  // in no model
@@ -208,6 +217,7 @@ struct MapperResult {
   // Pairs of the view graph that were rejected, by reason. Empty for an
   // extended model.
   std::vector<RejectionCount> rejected_pairs;
+  std::vector<FixedRegion> fixed_regions;  // of the sensors that have some
   RotationSummary rotation;
   // Why measured gravity was not used; nullopt: it was, or there is none.
   std::optional<std::string> gravity_rejection;

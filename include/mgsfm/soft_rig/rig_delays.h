@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/scene/estimates.h"
@@ -22,6 +24,20 @@ struct CameraDelay {
   double overdispersion_of_points = 1.0;
 };
 
+// How wrong the unit of length of a model may be, which a known rig or baseline
+// defines.
+struct UnitError {
+  // The logarithm of the factor by which lengths of the model are too small, if
+  // cameras may be late and known poses are as uncertain as their priors.
+  double log_factor = 0.0;
+  double sigma = 0.0;
+  // Chance exceeds log_factor in 1 of 10,000 models.
+  bool is_certain = false;
+
+  // The standard deviation about the unit of the model.
+  double RelativeSigma() const { return std::hypot(log_factor, sigma); }
+};
+
 // What the residuals of an adjusted model tell of the synchronism and the
 // rigidity of its rigs; see docs/maths/soft_rig.md.
 struct RigDelays {
@@ -31,6 +47,7 @@ struct RigDelays {
   std::vector<Eigen::Vector3d> angular_velocities;
   // The model with these delays; without points. Frames and sensors only.
   Reconstruction delayed;
+  std::optional<UnitError> unit;  // only if a length is known
 
   bool AreCertain() const {
     for (const CameraDelay& camera : cameras) {
