@@ -496,7 +496,7 @@ MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
   MapperResult result =
       MapWithLenses(uncalibrated, map(input, true), options, context, &lenses);
   for (MapperModel& model : result.models) {
-    DoubtFocalLengths(input.scene, focal_lengths.estimates, &model);
+    AddModelErrors(input.scene, &model);
   }
   result.focal_lengths = std::move(focal_lengths.estimates);
   if (!lenses.summary.lenses.empty()) {

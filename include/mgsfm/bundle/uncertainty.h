@@ -64,7 +64,9 @@ void ListUnobservable(const Scene& scene, const Reconstruction& reconstruction,
 
 // Standard deviations of intrinsics, per camera of the scene and parameter: 0
 // for constant parameters, empty for cameras without observations. nullopt if
-// the equations cannot be solved. Cost: one linearisation and factorisation.
+// the equations cannot be solved. Residuals that depend on those nearby in the
+// image, as errors of the lens model do, count less
+// (src/bundle/residual_field.h). Cost: one linearisation and factorisation.
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
 ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
                        const BundleAdjustmentOptions& options,
@@ -79,8 +81,8 @@ ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
 //   [min_focal_length_ratio, max_focal_length_ratio], it changed by more than a
 //   factor of two, or a refined distortion parameter exceeds max_extra_param.
 //
-// The standard deviation covers the noise of keypoints and the term of
-// focal_length_start_sigma, but not errors of the camera model.
+// The standard deviation is that of ComputeIntrinsicSigmas(), with the term of
+// focal_length_start_sigma.
 struct FocalLengthCheck {
   int camera_idx = 0;
   // Before and after refinement; the first of two focal lengths.

@@ -68,7 +68,7 @@ struct FocalLengthOptions {
   Option<double> max_sigma{
       "max_sigma", 0.01, GreaterThan(0.0),
       "Maximum relative standard deviation of an accepted estimate of a focal "
-      "length. Less certain ones are a start, and the model names them."};
+      "length. Less certain ones are only a start."};
   Option<int> max_num_pairs{
       "max_num_pairs", 100, AtLeast(1), "pairs",
       "Maximum number of image pairs per camera, selected at equal spacing. "
