@@ -2,8 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
+#include "mgsfm/base/fields.h"
 #include "mgsfm/scene/estimates.h"
 
 namespace mgsfm {
@@ -20,6 +22,13 @@ struct CameraDelay {
   double overdispersion = 1.0;
   // The same by points: the observations of one may err alike in all frames.
   double overdispersion_of_points = 1.0;
+
+  auto Fields() const {
+    return Named("camera", As<Item::kSensorName>(sensor_idx), "delay", delay,
+                 "sigma", sigma, "is_certain", is_certain, "overdispersion",
+                 overdispersion, "overdispersion_of_points",
+                 overdispersion_of_points);
+  }
 };
 
 // What the residuals of an adjusted model tell of the synchronism and the
@@ -31,6 +40,11 @@ struct RigDelays {
   std::vector<Eigen::Vector3d> angular_velocities;
   // The model with these delays; without points. Frames and sensors only.
   Reconstruction delayed;
+
+  auto Fields() const {
+    return Named("unit", std::string(is_in_seconds ? "s" : "frame intervals"),
+                 "cameras", cameras);
+  }
 
   bool AreCertain() const {
     for (const CameraDelay& camera : cameras) {
