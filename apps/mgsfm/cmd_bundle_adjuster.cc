@@ -154,7 +154,7 @@ std::string Describe(const ModelScene& input, const BundleResult& result) {
           after.points.size());
   add_row("%-22s %14d in %zu solve%s, ", "iterations", num_iterations,
           solves.size(), solves.size() == 1 ? "" : "s");
-  return text.append(TerminationName(solves.back().termination)) + "\n";
+  return text.append(EnumName(solves.back().termination)) + "\n";
 }
 
 void LogInput(const ModelScene& input, const Context& context) {

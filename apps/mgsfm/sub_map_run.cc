@@ -301,7 +301,7 @@ BundleSummary Adjust(const BundleAdjustmentOptions& options,
   }
   BundleResult result =
       RefineReconstruction(joined->scene, tracks, std::exchange(model, {}),
-                           options, context, {}, {}, store);
+                           options, context, {{}, {}, store});
   model = std::move(result.estimate);
   fs::remove(tracks_file);
   fs::remove(points_file);
@@ -336,7 +336,7 @@ Json DescribeModel(const ModelStatistics& statistics,
         {{"num_iterations", solve.num_iterations},
          {"initial_cost", solve.initial_cost},
          {"final_cost", solve.final_cost},
-         {"termination", std::string(TerminationName(solve.termination))}});
+         {"termination", std::string(EnumName(solve.termination))}});
   }
   return json;
 }

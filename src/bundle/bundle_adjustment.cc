@@ -18,12 +18,11 @@ namespace mgsfm {
 namespace {
 
 SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
-                          double function_tolerance, const Context& context,
-                          BuiltProblem* built) {
+                          const Context& context, BuiltProblem* built) {
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
-  solver_options.function_tolerance = function_tolerance;
+  solver_options.function_tolerance = options.function_tolerance;
   if (options.num_neighbours_in_little_memory) {
     solver_options.reduced_solver = {ReducedSolver::kCompact,
                                      *options.num_neighbours_in_little_memory};
@@ -39,19 +38,17 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
 
 }  // namespace
 
-bool SolveOnce(const Scene& scene, const BundlePriors& priors,
-               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
-               RefinedParts parts, double function_tolerance,
-               const Context& context, BundleResult* result,
-               const RefinementStore& store) {
+bool SolveOnce(const Scene& scene, const RefinementConditions& conditions,
+               const BundleAdjustmentOptions& options, RefinedParts parts,
+               const Context& context, BundleResult* result) {
+  const RefinementStore& store = conditions.store;
   if (store.put_points) ReturnFreedMemory();
-  BuiltProblem built =
-      BuildProblem(scene, result->estimate, options, parts, priors, fixed);
+  BuiltProblem built = BuildProblem(scene, result->estimate, options, parts,
+                                    conditions.priors, conditions.fixed);
   if (store.put_points) {
     store.put_points(std::exchange(result->estimate.points, {}));
   }
-  SolveSummary summary =
-      SolveProblem(options, function_tolerance, context, &built);
+  SolveSummary summary = SolveProblem(options, context, &built);
   if (store.put_points) result->estimate.points = store.take_points();
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
@@ -135,8 +132,8 @@ BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const FixedPoses& fixed) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, priors, fixed, options, RefinedParts::kAll,
-            options.function_tolerance, context, &result);
+  SolveOnce(scene, {priors, fixed}, options, RefinedParts::kAll, context,
+            &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);
   return result;

@@ -13,7 +13,7 @@
 #include "pipeline/covariance_report.h"
 #include "pipeline/metric_scale.h"
 #include "pipeline/soft_rig_images.h"
-#include "pipeline/timed.h"
+#include "pipeline/stage.h"
 #include "priors/gravity_levelling.h"
 #include "priors/pose_graph_deformation.h"
 #include "priors/position_registration.h"
@@ -60,15 +60,16 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   if (up) up = -*up;
   const Reconstruction unregistered = *initial;
   PositionRegistration registration =
-      RegisterToPriors(input.scene, input.positions, up, input.is_metric,
-                       context.random_seed, initial);
+      RegisterToPriors(input.scene, input.positions,
+                       {up, input.is_metric, context.random_seed}, initial);
   model->position_priors = std::move(registration.summary);
   PositionPriorSummary& summary = *model->position_priors;
   if (!summary.is_registered) return std::move(registration.used);
   const double extent = ExtentOf(*initial);
-  summary.deformation = DeformToPriors(
-      input.scene, input.view_graph, input.pair_is_used, input.positions,
-      input.is_metric, context, &registration.used, initial);
+  summary.deformation =
+      DeformToPriors({input.scene, input.view_graph, input.pair_is_used,
+                      input.positions, input.is_metric},
+                     context, &registration.used, initial);
   if (!summary.deformation || IsPlausible(*summary.deformation, extent)) {
     return std::move(registration.used);
   }
@@ -191,13 +192,14 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
 void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
                      const Context& context, Reconstruction initial,
                      BundlePriors* priors, MapperModel* model) {
-  const auto refine = [&](const char* stage, Reconstruction start) {
-    return Timed(stage, context, &model->times, [&] {
-      return RefineReconstruction(input.scene,
-                                  MakeObservedSource(input, options, context),
-                                  std::move(start), options.bundle_adjustment,
-                                  context, *priors, input.held);
-    });
+  const auto refine = [&](const char* name, Reconstruction start) {
+    const RunningStage stage(name, context);
+    BundleResult refined = RefineReconstruction(
+        input.scene, MakeObservedSource(input, options, context),
+        std::move(start), options.bundle_adjustment, context,
+        {*priors, input.held});
+    stage.Finish(&model->times);
+    return refined;
   };
   BundleResult bundle = refine("bundle adjustment", std::move(initial));
   model->rig_differences.clear();
@@ -227,10 +229,11 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
                     MapperModel* model) {
   const Scene& scene = input.scene;
   if (options.compute_covariances) {
-    model->covariances = Timed("covariances", context, &model->times, [&] {
-      return ComputeCovariances(scene, model->reconstruction,
-                                options.bundle_adjustment, context, priors);
-    });
+    const RunningStage stage("covariances", context);
+    model->covariances =
+        ComputeCovariances(scene, model->reconstruction,
+                           options.bundle_adjustment, context, priors);
+    stage.Finish(&model->times);
   }
   if (!model->delays || !model->covariances || !model->covariances->is_usable) {
     return;
@@ -241,19 +244,6 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
   const std::string message =
       DescribeUnobservable(scene, model->reconstruction, *model->covariances);
   if (!message.empty()) context.Warning(message);
-}
-
-// Estimates individual poses of images.
-bool EstimateSoftRigOfImages(const AdjustmentInput& input, BundlePriors priors,
-                             const MapperOptions& options,
-                             const Context& context, MapperModel* model) {
-  const Scene separate = SeparateImages(input.scene);
-  priors.calibration.sensors.clear();  // each image is a sensor
-  return EstimateSoftRigOfModel(
-      input.scene, separate,
-      MakeCandidateSource(separate, input.view_graph, input.matches,
-                          input.pair_is_used, options, context),
-      options, priors, context, model);
 }
 
 }  // namespace
@@ -288,15 +278,14 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   if (options.is_for_lenses) return;
   PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
-  model->delays = Timed("delays of cameras", context, &model->times, [&] {
-    return EstimateDelays(input, options, context, model->reconstruction);
-  });
+  const RunningStage stage("delays of cameras", context);
+  model->delays =
+      EstimateDelays(input, options, context, model->reconstruction);
+  stage.Finish(&model->times);
   AddCovariances(input, used_priors, options, context, model);
   if (options.soft_rig.method != SoftRig::kNone) {
-    Timed("soft rig", context, &model->times, [&] {
-      return EstimateSoftRigOfImages(input, used_priors, options, context,
-                                     model);
-    });
+    EstimateSoftRigOfModel(input, std::move(used_priors), options, context,
+                           model);
   }
 }
 

@@ -51,9 +51,9 @@ std::vector<std::optional<double>> AverageLengths(
                  pairs[i].relative_pose;
   }
   const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
-      problem.scene, problem.bearings, problem.view_graph, is_near,
-      MakePositionProblem(problem.scene, rotations), min_parallax_deg, context,
-      PairRotation::kOwn);
+      {problem.scene, problem.bearings, problem.view_graph, is_near,
+       MakePositionProblem(problem.scene, rotations)},
+      min_parallax_deg, context, PairRotation::kOwn);
   const PairScales scales = AverageScales(
       measured, static_cast<int>(problem.scene.images.size()), context);
   std::vector<std::optional<double>> lengths(pairs.size());
@@ -465,12 +465,11 @@ double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
 
 }  // namespace
 
-MotionOfScene FindMotionOfScene(
-    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
-    const ViewGraph& view_graph, const ViewGraph& matches,
-    const RotationEstimate& rotations, double min_parallax_deg,
-    const ViewGraphOptions& verification, const PairFilteringOptions& filtering,
-    const Context& context) {
+MotionOfScene FindMovingObjects(const MotionInput& input,
+                                const MotionOptions& options,
+                                const Context& context) {
+  const auto& [scene, bearings, index, view_graph, matches, rotations] = input;
+  const auto& [min_parallax_deg, verification, filtering] = options;
   const FrameDepths depths = MeasureFrameDepths(
       scene, bearings, index, view_graph, rotations, min_parallax_deg,
       kKeypointNoise * verification.max_error_px, context);

@@ -256,10 +256,12 @@ RunSummary SummarizeRun(const Scene& scene, const MapperResult& result) {
   for (const UnregisteredFrame& frame : result.unregistered_frames) {
     ++num_frames[frame.reason];
   }
-  summary.missing_frames.assign(num_frames.begin(), num_frames.end());
+  for (const auto& [reason, number] : num_frames) {
+    summary.missing_frames.push_back({number, reason});
+  }
   std::stable_sort(
       summary.missing_frames.begin(), summary.missing_frames.end(),
-      [](const auto& a, const auto& b) { return a.second > b.second; });
+      [](const auto& a, const auto& b) { return a.num_frames > b.num_frames; });
   for (const MapperModel& model : result.models) {
     summary.models.push_back(SummarizeModel(scene, result, model));
   }
@@ -273,7 +275,7 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
       Count(summary.models.size(), "model", "models")};
   for (size_t i = 0; i < summary.missing_frames.size() && i < kMaxNumReasons;
        ++i) {
-    const auto& [reason, count] = summary.missing_frames[i];
+    const auto& [count, reason] = summary.missing_frames[i];
     lines.push_back("missing: " + Count(count, "frame", "frames") + ", " +
                     reason);
   }

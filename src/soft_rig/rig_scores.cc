@@ -447,8 +447,8 @@ std::optional<RigScores> ComputeRigScores(
     poses[i] = DelayedPose(scene, rig, static_cast<int>(i));
   }
   SoftRigProblem soft = BuildSoftRigProblem(
-      scene, separate, rig.model, poses,
-      std::vector<DeviationSigma>(scene.sensors.size()), 1.0, adjusted, {});
+      scene, separate, rig.model,
+      {poses, std::vector<DeviationSigma>(scene.sensors.size())}, adjusted, {});
   BundleProblem& problem = soft.built.problem;
   problem.sensor_priors.clear();
   std::fill(problem.sensor_masks.begin(), problem.sensor_masks.end(),

@@ -197,7 +197,7 @@ TEST_P(BundleAdjustmentTest, PointsElsewhereDuringSolvesDoNotChangeABit) {
   const auto refine = [&](const RefinementStore& store) {
     return RefineReconstruction(simulation.scene, FixedCandidates(groups),
                                 initial, BundleAdjustmentOptions(), Threads(2),
-                                {}, {}, store);
+                                {{}, {}, store});
   };
   std::optional<std::vector<Point3D>> elsewhere;
   size_t num_times = 0;
@@ -396,8 +396,8 @@ void Disconnect(const Scene& scene, int frame_idx, Reconstruction* model) {
 BundleResult Refine(const Simulation& simulation, const FixedPoses& fixed) {
   return RefineReconstruction(
       simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
-      simulation.ground_truth, BundleAdjustmentOptions(), Threads(2), {},
-      fixed);
+      simulation.ground_truth, BundleAdjustmentOptions(), Threads(2),
+      {{}, fixed});
 }
 
 // The cameras of a frame see points together, which say nothing of its place.

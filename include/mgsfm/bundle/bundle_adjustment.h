@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/solver.h"
@@ -244,11 +245,23 @@ struct BundleRound {
   size_t num_points_after = 0;
   size_t num_observations_before = 0;
   size_t num_observations_after = 0;
+
+  auto Fields() const {
+    return Named("sigma_px", sigma_px, "max_error_px", max_error_px,
+                 "num_points_before", num_points_before, "num_points_after",
+                 num_points_after, "num_observations_before",
+                 num_observations_before, "num_observations_after",
+                 num_observations_after);
+  }
 };
 
 struct DroppedFrame {
   int frame_idx = 0;
   std::string reason;
+
+  auto Fields() const {
+    return Named("frame_id", As<Item::kFrameId>(frame_idx), "reason", reason);
+  }
 };
 
 struct BundleSummary {
@@ -260,6 +273,15 @@ struct BundleSummary {
   std::vector<int> sensor_idxs_without_observations;  // kept their initial pose
   // Observations ignored by the last solve: the camera cannot see the point.
   size_t num_invisible_observations = 0;
+
+  auto Fields() const {
+    return Named("solves", solves, "rounds", rounds, "dropped_frames",
+                 dropped_frames, "weak_frames",
+                 As<Item::kFrameId>(weak_frame_idxs),
+                 "sensors_without_observations",
+                 As<Item::kSensorName>(sensor_idxs_without_observations),
+                 "num_invisible_observations", num_invisible_observations);
+  }
 };
 
 struct BundleResult {
@@ -324,6 +346,12 @@ struct RefinementStore {
   std::function<std::vector<Point3D>()> take_points = {};
 };
 
+struct RefinementConditions {
+  BundlePriors priors = {};
+  FixedPoses fixed = {};
+  RefinementStore store = {};
+};
+
 // Evidence for points and against them.
 struct CandidateSource {
   // Returns groups of keypoints that can be observations of one point. The
@@ -372,8 +400,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     Reconstruction initial, const BundleAdjustmentOptions& options,
-    const Context& context, const BundlePriors& priors = {},
-    const FixedPoses& fixed = {}, const RefinementStore& store = {});
+    const Context& context, const RefinementConditions& conditions = {});
 
 // Step 2's triangulation alone, with max_max_error_px as bound. For models
 // without points or with new frames.

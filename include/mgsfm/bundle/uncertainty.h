@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
@@ -49,6 +50,12 @@ struct CovarianceResult {
   std::vector<std::optional<PoseMatrix>> frames;
   std::vector<std::optional<PoseMatrix>> sensors;
   std::vector<UnobservableDirection> unobservable;
+
+  auto Fields() const {
+    return Named("is_usable", is_usable, "sigma_px", sigma_px, "fixed_frame",
+                 As<Item::kFrameName>(fixed_frame_idx), "scale_is_fixed",
+                 scale_is_fixed);
+  }
 };
 
 // `options` and `priors` are those of the adjustment of the model. Cost: one

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
@@ -164,6 +165,11 @@ struct MapperModel {
 struct UnregisteredFrame {
   int frame_idx = 0;
   std::string reason;
+
+  auto Fields() const {
+    return Named("frame_id", As<Item::kFrameId>(frame_idx), "name",
+                 As<Item::kFrameName>(frame_idx), "reason", reason);
+  }
 };
 
 // The source of the focal length of a camera.
@@ -191,11 +197,20 @@ struct LensChoice {
   CameraModelId model = CameraModelId::kSimpleRadial;
   std::string reason = {};  // empty if the model was given
   LensSource start = LensSource::kGuess;
+
+  auto Fields() const {
+    return Named("camera_id", As<Item::kCameraId>(camera_idx), "model", model,
+                 "reason", reason);
+  }
 };
 
 struct LensSummary {
   int num_rounds = 0;  // maps before the last one, with lenses that changed
   std::vector<LensChoice> lenses;
+
+  auto Fields() const {
+    return Named("num_rounds", num_rounds, "cameras", lenses);
+  }
 };
 
 // The parts of all images of a sensor that show what moves along with the rig

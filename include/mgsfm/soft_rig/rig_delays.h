@@ -4,8 +4,10 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <optional>
+#include <string>
 #include <vector>
 
+#include "mgsfm/base/fields.h"
 #include "mgsfm/scene/estimates.h"
 
 namespace mgsfm {
@@ -22,6 +24,13 @@ struct CameraDelay {
   double overdispersion = 1.0;
   // The same by points: the observations of one may err alike in all frames.
   double overdispersion_of_points = 1.0;
+
+  auto Fields() const {
+    return Named("camera", As<Item::kSensorName>(sensor_idx), "delay", delay,
+                 "sigma", sigma, "is_certain", is_certain, "overdispersion",
+                 overdispersion, "overdispersion_of_points",
+                 overdispersion_of_points);
+  }
 };
 
 // How wrong the unit of length of a model may be, which a known rig or baseline
@@ -36,6 +45,11 @@ struct UnitError {
 
   // The standard deviation about the unit of the model.
   double RelativeSigma() const { return std::hypot(log_factor, sigma); }
+
+  auto Fields() const {
+    return Named("log_factor", log_factor, "sigma", sigma, "is_certain",
+                 is_certain);
+  }
 };
 
 // What the residuals of an adjusted model tell of the synchronism and the
@@ -48,6 +62,11 @@ struct RigDelays {
   // The model with these delays; without points. Frames and sensors only.
   Reconstruction delayed;
   std::optional<UnitError> unit;  // only if a length is known
+
+  auto Fields() const {
+    return Named("unit", std::string(is_in_seconds ? "s" : "frame intervals"),
+                 "cameras", cameras);
+  }
 
   bool AreCertain() const {
     for (const CameraDelay& camera : cameras) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -104,6 +105,12 @@ struct FocalLengthEstimate {
   std::optional<double> sigma;
   int num_pairs = 0;
   std::string message;  // reason of a rejection
+
+  auto Fields() const {
+    return Named("camera_id", As<Item::kCameraId>(camera_idx), "prior_px",
+                 prior_px, "estimated_px", estimated_px, "relative_sigma",
+                 sigma, "num_pairs", num_pairs, "message", message);
+  }
 };
 
 struct FocalLengthResult {
