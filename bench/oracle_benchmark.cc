@@ -49,7 +49,7 @@ Json ToJson(const OracleResult& oracle) {
   json["num_points"] = oracle.num_points;
   json["num_observations"] = oracle.num_observations;
   json["num_iterations"] = oracle.solve.num_iterations;
-  json["termination"] = TerminationName(oracle.solve.termination);
+  json["termination"] = EnumName(oracle.solve.termination);
   json["seconds"] = oracle.seconds;
   return json;
 }

@@ -32,9 +32,8 @@ void AverageRotationsOf(const char* database_path) {
   const mgsfm::ViewGraphResult pairs = mgsfm::EstimateViewGraph(
       input.scene, bearings, input.view_graph, {}, context);
   const mgsfm::Mask pair_is_used(pairs.estimate.pairs.size(), true);
-  const mgsfm::RotationResult rotations =
-      mgsfm::AverageRotations(input.scene, pairs.estimate, pair_is_used,
-                              /*start=*/nullptr, {}, context);
+  const mgsfm::RotationResult rotations = mgsfm::AverageRotations(
+      {input.scene, pairs.estimate, pair_is_used}, {}, context);
   std::printf("# w x y z of rig_from_world per frame\n");
   PrintRotations("frame", rotations.estimate.rig_from_world);
   std::printf("# w x y z of sensor_from_rig per sensor\n");

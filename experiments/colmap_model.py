@@ -5,6 +5,7 @@ import pathlib
 import struct
 
 from experiments import poses
+from experiments.text_files import MALFORMED, names_its_file
 
 
 def pose_text(pose):
@@ -65,20 +66,48 @@ def read_poses(model):
     model = pathlib.Path(model)
     if (model / "images.bin").exists():
         return read_binary_poses(model / "images.bin")
+    return read_text_poses(model / "images.txt")
+
+
+@names_its_file
+def read_text_poses(path):
+    """The text case of read_poses()."""
     result = {}
-    for line in text_image_lines(model / "images.txt"):
+    for line in text_image_lines(path):
         words = line.split(maxsplit=9)
         numbers = tuple(map(float, words[1:8]))
-        result[words[9]] = (numbers[:4], numbers[4:])
+        result[words[9].rstrip()] = (numbers[:4], numbers[4:])
     return result
 
 
 def text_image_lines(path):
-    """The first line of each image; the second lists its keypoints."""
-    return [line for line in path.read_text().splitlines()
-            if not line.startswith("#")][::2]
+    """The first line of each image; the second lists its keypoints. Some
+    programs omit it if it is empty."""
+    lines, is_first = [], True
+    for line in path.read_text(encoding="utf-8-sig").splitlines():
+        if line.startswith("#"):
+            continue
+        # Keypoints have three numbers each; an image has at least ten words.
+        if is_first or is_image_line(line):
+            if line.strip():
+                lines.append(line)
+                is_first = False
+        else:
+            is_first = True
+    return lines
 
 
+def is_image_line(line):
+    """False for a line of keypoints, that is, of triples of numbers."""
+    words = line.split()
+    try:
+        numbers = list(map(float, words))
+    except ValueError:
+        return True
+    return len(numbers) % 3 != 0
+
+
+@names_its_file
 def read_binary_poses(path):
     """The binary case of read_poses()."""
     data = path.read_bytes()
@@ -95,13 +124,17 @@ def read_binary_poses(path):
 
 
 def num_images(model):
-    """The number of images of a model; 0 if the folder holds none."""
-    if (model / "images.bin").exists():
-        with open(model / "images.bin", "rb") as file:
-            (count,) = struct.unpack("<Q", file.read(8))
-        return count
-    if (model / "images.txt").exists():
-        return len(text_image_lines(model / "images.txt"))
+    """The number of images of a model; 0 if the folder holds none that can be
+    read, as a program that is stopped leaves it."""
+    try:
+        if (model / "images.bin").exists():
+            with open(model / "images.bin", "rb") as file:
+                (count,) = struct.unpack("<Q", file.read(8))
+            return count
+        if (model / "images.txt").exists():
+            return len(text_image_lines(model / "images.txt"))
+    except MALFORMED:
+        pass
     return 0
 
 

@@ -103,6 +103,7 @@ def registered(records, sequences, methods):
             else:
                 row.append(MISSING)
         table.rows.append(row)
+    table.add_mean()
     return table
 
 
@@ -110,7 +111,7 @@ def areas(records, sequences, methods):
     """Areas under the curve of position errors, for each threshold (m). A run
     without a model has none."""
     table = Table("position_auc",
-                  "Area under the curve of position errors (%)", [], 1)
+                  "Area under the curve of position errors (%)", [], 1, max)
     thresholds = []
     for record in records.values():
         for area in (record.get("errors") or {}).get("position_auc", []):
@@ -118,7 +119,7 @@ def areas(records, sequences, methods):
                 thresholds.append(area["threshold"])
     table.header = ["sequence", *[f"{m} @ {t:g} m" for m in methods
                                   for t in thresholds]]
-    rows = []
+    table.period = max(1, len(thresholds))
     for sequence in sequences:
         row = []
         for method in methods:
@@ -128,11 +129,9 @@ def areas(records, sequences, methods):
                      for a in errors.get("position_auc", [])}
             nothing = 0.0 if has_failed(record) else None
             row += [found.get(t, nothing) for t in thresholds]
-        rows.append(row)
         table.rows.append([sequence, *row])
-    mean = mean_row(rows)
-    if mean and thresholds:
-        table.rows.append([f"mean of {mean[0]}", *mean[1]])
+    if thresholds:
+        table.add_mean()
     return table
 
 
@@ -144,7 +143,8 @@ def rig_extrinsics(records, sequences, methods, averaged):
                   "Errors of rig extrinsics: rotation, direction of "
                   "translation (deg), length (%)",
                   ["sequence, camera", *methods,
-                   *["rotation before bundle adjustment" for _ in first]], 3)
+                   *["rotation before bundle adjustment" for _ in first]], 3,
+                  min)
     for sequence in sequences:
         by_camera = {}
         for method in [*methods, *first]:
@@ -154,19 +154,21 @@ def rig_extrinsics(records, sequences, methods, averaged):
         for camera, found in by_camera.items():
             row = [f"{sequence}, {camera}"]
             row += [extrinsics_cell(found.get(method)) for method in methods]
-            row += [found[m]["rotation_deg"] if m in found else None
+            row += [f"{found[m]['rotation_deg']:.3f}" if m in found else None
                     for m in first]
             table.rows.append(row)
     return table
 
 
 def extrinsics_cell(sensor):
-    """Rotation and direction in degrees, and the relative length in %."""
+    """Rotation and direction in degrees, and the relative length in %; the
+    rotation is compared."""
     if not sensor or sensor["direction_deg"] is None:
         return MISSING
     length = 100.0 * (sensor["length_m"] / sensor["true_length_m"] - 1.0)
-    return (f"{sensor['rotation_deg']:.3f}, {sensor['direction_deg']:.3f}, "
-            f"{length:+.2f}")
+    return Cell(f"{sensor['rotation_deg']:.3f}, "
+                f"{sensor['direction_deg']:.3f}, {length:+.2f}",
+                sensor["rotation_deg"])
 
 
 def runtime(records, sequences, methods, kind):
@@ -179,6 +181,7 @@ def runtime(records, sequences, methods, kind):
         table.rows.append([sequence, *[
             records.get((sequence, m), {}).get(f"{kind}_counted")
             for m in methods]])
+    table.add_mean()
     return table
 
 
@@ -186,7 +189,7 @@ def translation_seconds(records, sequences, methods):
     """Processor seconds of the stage alone."""
     table = Table("translation_averaging",
                   "Processor seconds of translation averaging",
-                  ["sequence", *methods], 2)
+                  ["sequence", *methods], 2, min)
     for sequence in sequences:
         row = [sequence]
         for method in methods:
@@ -194,17 +197,20 @@ def translation_seconds(records, sequences, methods):
             stage = stages.get("translation averaging")
             row.append(stage["processor_seconds"] if stage else None)
         table.rows.append(row)
+    table.add_mean()
     return table
 
 
 def memory(records, sequences, methods):
     """Peak memory of the whole process, of runs that made a model."""
-    table = Table("peak_memory", "Peak memory (MiB)", ["sequence", *methods], 0)
+    table = Table("peak_memory", "Peak memory (MiB)", ["sequence", *methods], 0,
+                  min)
     for sequence in sequences:
         found = [records.get((sequence, m), {}) for m in methods]
         table.rows.append([sequence, *[
             r["peak_memory_mib"] if r.get("exit_code") == 0 else None
             for r in found]])
+    table.add_mean()
     return table
 
 

@@ -5,7 +5,6 @@ Each step leaves a file in the folder of results, and a finished step is not
 repeated. A step that fails for a reason outside the method leaves no record.
 """
 import dataclasses
-import json
 import pathlib
 import shlex
 import shutil
@@ -13,6 +12,7 @@ import shutil
 from experiments import colmap_model, measure, methods, peers, records
 from experiments.database import make_database
 from experiments.measure import StepFailed
+from experiments.text_files import read_json
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +98,7 @@ def find_record(settings, sequence, method):
     """The record of an earlier run, or None; throws StepFailed if that run had
     other options."""
     path = settings.work / sequence.name / f"{method}.json"
-    record = json.loads(path.read_text()) if path.exists() else None
+    record = read_json(path) if path.exists() else None
     if record and settings.only_done:
         return record
     if not record or not records.is_result(record):
@@ -139,7 +139,7 @@ def failure_of(record, model, log):
     if measure.was_killed(record):
         return f"killed ({log})"
     if record["exit_code"] == 0:
-        return f"it wrote no images.bin or images.txt into {model} ({log})"
+        return f"it wrote no images.bin or images.txt that can be read into {model} ({log})"
     return f"exit code {record['exit_code']}: {measure.last_line(log)} ({log})"
 
 
@@ -151,8 +151,7 @@ def run_mapper(settings, sequence, method, database, model, log):
     record = measure.run_logged(command, log, settings.time_limit)
     record["command"] = shlex.join(map(str, command))
     if record["exit_code"] == 0:
-        records.add_stages(record,
-                           json.loads((model / "report.json").read_text()))
+        records.add_stages(record, read_json(model / "report.json"))
     return record
 
 
@@ -185,4 +184,4 @@ def evaluate(settings, sequence, record, record_path):
                        settings.work / record["model"], "--json", path,
                        *sequence.truth),
         path.with_suffix(".log"))
-    return json.loads(path.read_text())
+    return read_json(path)

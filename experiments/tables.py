@@ -5,6 +5,7 @@ import io
 import json
 
 MISSING = "-"
+PAGE_WIDTH = 110  # characters of \footnotesize in two columns of a paper
 
 
 class Cell(str):
@@ -20,12 +21,13 @@ class Table:
     """Rows of cells that are text, numbers with `digits` decimals, or None.
 
     best: min or max, which chooses the values of a row that Markdown and LaTeX
-    show in bold; None: no value.
+    show in bold; None: no value. period: values that many columns apart are
+    compared.
     """
 
-    def __init__(self, name, title, header, digits, best=None):
+    def __init__(self, name, title, header, digits, best=None, period=1):
         self.name, self.title, self.header = name, title, header
-        self.digits, self.best = digits, best
+        self.digits, self.best, self.period = digits, best, period
         self.rows = []
 
     def cell(self, value):
@@ -42,13 +44,37 @@ class Table:
         for row in self.rows:
             cells = [self.cell(v) for v in row]
             values = [getattr(v, "value", v) for v in row[1:]]
-            known = [self.rounded(v) for v in values if is_number(v)]
-            for i, value in enumerate(values, 1):
+            for i, value in enumerate(values):
+                known = [self.rounded(v)
+                         for v in values[i % self.period::self.period]
+                         if is_number(v)]
                 if (self.best and len(known) > 1 and is_number(value)
                         and self.rounded(value) == self.best(known)):
-                    cells[i] = bold.format(cells[i])
+                    cells[i + 1] = bold.format(cells[i + 1])
             rows.append(cells)
         return rows
+
+    def add_mean(self):
+        """A last row of means, over the rows that have all values."""
+        values = [[getattr(v, "value", v) for v in row[1:]]
+                  for row in self.rows]
+        mean = mean_row([[v if is_number(v) else None for v in row]
+                         for row in values])
+        if mean:
+            self.rows.append([f"mean of {mean[0]}", *mean[1]])
+
+    def page_blocks(self, rows):
+        """`rows`, of which the first is the header, cut into blocks of columns
+        that fit a page; each starts with the first column."""
+        widths = [max(map(len, column)) + 2 for column in zip(*rows)]
+        blocks, width = [], PAGE_WIDTH
+        for i in range(1, len(widths)):
+            if width + widths[i] > PAGE_WIDTH:
+                blocks.append([0])
+                width = widths[0]
+            blocks[-1].append(i)
+            width += widths[i]
+        return [[[row[i] for i in block] for row in rows] for block in blocks]
 
     def rounded(self, value):
         """A value as its cell shows it: equal cells are equally good."""
@@ -56,12 +82,14 @@ class Table:
 
     def text(self):
         """Aligned columns for a terminal."""
-        rows = [self.header, *self.cells()]
-        widths = [max(map(len, column)) for column in zip(*rows)]
-        lines = ["  ".join(c.ljust(w) if i == 0 else c.rjust(w)
-                           for i, (c, w) in enumerate(zip(row, widths)))
-                 for row in rows]
-        return "\n".join([self.title, *lines]) + "\n"
+        blocks = []
+        for rows in self.page_blocks([self.header, *self.cells()]):
+            widths = [max(map(len, column)) for column in zip(*rows)]
+            blocks.append("\n".join(
+                "  ".join(c.ljust(w) if i == 0 else c.rjust(w)
+                          for i, (c, w) in enumerate(zip(row, widths)))
+                for row in rows))
+        return f"{self.title}\n" + "\n\n".join(blocks) + "\n"
 
     def markdown(self):
         """The title in bold, and the table."""
@@ -77,18 +105,20 @@ class Table:
         return out.getvalue()
 
     def latex(self):
-        """A table of the width of the page, with a caption."""
+        """A table of the width of the page, with a caption. Columns that do
+        not fit follow below the others."""
         def escape(text):
             return text.replace("_", r"\_").replace("%", r"\%")
-        lines = [" & ".join(map(escape, row)) + r" \\"
-                 for row in [self.header, *self.cells(r"\textbf{{{}}}")]]
-        lines.insert(1, r"\hline")
-        return "\n".join([
-            r"\begin{table*}", r"\centering",
-            r"\begin{tabular*}{\textwidth}{@{\extracolsep{\fill}}l"
-            + "r" * (len(self.header) - 1) + "}",
-            *lines, r"\end{tabular*}", rf"\caption{{{escape(self.title)}}}",
-            r"\end{table*}"]) + "\n"
+        lines = [r"\begin{table*}", r"\centering", r"\footnotesize"]
+        bold = r"\textbf{{{}}}"
+        for rows in self.page_blocks([self.header, *self.cells(bold)]):
+            header, *body = [" & ".join(map(escape, row)) + r" \\"
+                             for row in rows]
+            lines += [r"\begin{tabular*}{\textwidth}{@{\extracolsep{\fill}}l"
+                      + "r" * (len(rows[0]) - 1) + "}",
+                      header, r"\hline", *body, r"\end{tabular*}"]
+        return "\n".join([*lines, rf"\caption{{{escape(self.title)}}}",
+                          r"\end{table*}"]) + "\n"
 
     def json(self):
         """The values with all digits."""

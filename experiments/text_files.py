@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Readers of files that others wrote: a malformed one is one line."""
 import functools
+import json
 import math
 import struct
 
@@ -21,6 +22,12 @@ def names_its_file(reader):
             raise SystemExit(f"{path} is not as expected: {what}; copy it "
                              "again from its source") from None
     return read
+
+
+@names_its_file
+def read_json(path):
+    """The content of a JSON file."""
+    return json.loads(path.read_text())
 
 
 def numbers_of(text):

@@ -155,7 +155,7 @@ std::string Describe(const ModelScene& input, const BundleResult& result) {
           after.points.size());
   add_row("%-22s %14d in %zu solve%s, ", "iterations", num_iterations,
           solves.size(), solves.size() == 1 ? "" : "s");
-  return text.append(TerminationName(solves.back().termination)) + "\n";
+  return text.append(EnumName(solves.back().termination)) + "\n";
 }
 
 void LogInput(const ModelScene& input, const Context& context) {
@@ -191,7 +191,8 @@ void WriteCovariances(const ModelScene& input, const Reconstruction& model,
     context.Warning("the covariances cannot be computed");
     return;
   }
-  const std::string message = DescribeUnobservable(input.scene, covariances);
+  const std::string message =
+      DescribeUnobservable(input.scene, model, covariances);
   if (!message.empty()) context.Warning(message);
   WriteFile(output.StagingDir() / "covariances.csv",
             CovariancesToCsv(input.scene, covariances));

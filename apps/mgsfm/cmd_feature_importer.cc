@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <filesystem>
-#include <optional>
 #include <string>
 
 #include "command.h"
@@ -25,20 +23,10 @@ struct FeatureImporterOptions {
 
 int RunFeatureImporter(const FeatureImporterOptions& options,
                        const Context& context) {
-  const std::string& path = options.database_path;
-  const bool is_new = !std::filesystem::exists(path);
-  std::optional<FeatureDatabase> database(std::in_place, path,
-                                          FeatureDatabase::OpenMode::kOrCreate);
-  FeatureImportSummary summary;
-  try {
-    summary = ImportFeatures(options.import, &*database, context);
-  } catch (...) {
-    // A failed run leaves no empty database.
-    database.reset();
-    std::error_code ignored;
-    if (is_new) std::filesystem::remove(path, ignored);
-    throw;
-  }
+  FeatureDatabase database(options.database_path,
+                           FeatureDatabase::OpenMode::kOrCreate);
+  const FeatureImportSummary summary =
+      ImportFeatures(options.import, &database, context);
   context.Info(std::to_string(summary.num_features) + " features of " +
                std::to_string(summary.num_images - summary.num_present) +
                " images, " + std::to_string(summary.num_present) +

@@ -42,6 +42,11 @@ struct MapperCommandOptions {
                               "Folder for the trajectory, the rig, the "
                               "residual maps and the view graph "
                               "of each model, as SVG files."};
+  Option<std::string> fixed_region_mask_path{
+      "fixed_region_mask_path", "",
+      "New folder for masks of the image regions that move along with the rig, "
+      "such as a hull or an operator, one per image as ImageReader.mask_path "
+      "reads them. Only if there are such regions."};
   LiveViewOptions live;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
@@ -53,8 +58,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, figures, live, max_memory_mib, partition,
-          loading, priors, baseline, mapper);
+          output_format, write_report, figures, fixed_region_mask_path, live,
+          max_memory_mib, partition, loading, priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -64,13 +69,23 @@ int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
   if (options.max_memory_mib > 0) ReturnLargeBlocks();
   const auto live = LiveView::Start(options.live, options.output_path, context);
-  const MapperRun run{
-      options.database_path,   options.output_path,      options.image_path,
-      options.output_format,   options.loading,          options.priors,
-      options.mapper,          OptionsToJsonOf(options), options.input_path,
-      options.image_list_path, options.baseline,         options.rig_split,
-      options.write_report,    options.figures,          live.get(),
-      options.max_memory_mib};
+  const MapperRun run{options.database_path,
+                      options.output_path,
+                      options.image_path,
+                      options.output_format,
+                      options.loading,
+                      options.priors,
+                      options.mapper,
+                      OptionsToJsonOf(options),
+                      options.input_path,
+                      options.image_list_path,
+                      options.baseline,
+                      options.rig_split,
+                      options.write_report,
+                      options.figures,
+                      live.get(),
+                      options.max_memory_mib,
+                      options.fixed_region_mask_path};
   if (options.partition.num_clusters > 0) {
     return PartitionDatabase(run, options.partition, context);
   }

@@ -354,11 +354,13 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
                std::to_string(scene.images.size()) + " images");
   CheckCount(num_positions, reference_path, options);
   const Reconstruction before = input->model.reconstruction;
-  const PositionRegistration registration = RegisterToPriors(
-      scene, positions, MeasuredUp(reference, input->model),
-      !options.estimate_scale, context.random_seed,
-      &input->model.reconstruction,
-      options.robust_alignment ? OutlierRule::kFixedBound : OutlierRule::kNone);
+  const PositionRegistration registration =
+      RegisterToPriors(scene, positions,
+                       {MeasuredUp(reference, input->model),
+                        !options.estimate_scale, context.random_seed,
+                        options.robust_alignment ? OutlierRule::kFixedBound
+                                                 : OutlierRule::kNone},
+                       &input->model.reconstruction);
   if (!registration.summary.is_registered) {
     throw Error("'" + *options.input_path + "' cannot be aligned to '" +
                 reference_path + "': " + registration.summary.message +

@@ -5,7 +5,9 @@
 #include <utility>
 #include <vector>
 
+#include "base/grouped_warnings.h"
 #include "base/text.h"
+#include "base/text_lines.h"
 #include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
@@ -20,6 +22,7 @@
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/priors/pose_priors.h"
 #include "tool_model.h"
+#include "truth_conventions.h"
 
 namespace mgsfm {
 namespace {
@@ -101,16 +104,15 @@ const ExchangeFormat& FindFormat(const std::string& name) {
 }
 
 Eigen::Vector3d ParseOrigin(const std::string& text) {
-  std::vector<double> values;
-  for (const std::string& item : SplitList(text)) {
-    const std::optional<double> value = ParseDouble(item);
-    if (value) values.push_back(*value);
+  std::vector<std::optional<double>> values;
+  for (const std::string& item : SplitFields(text, ',')) {
+    values.push_back(ParseDouble(item));
   }
-  if (values.size() != 3) {
+  if (values.size() != 3 || !values[0] || !values[1] || !values[2]) {
     throw Error("--origin '" + text +
                 "' is not latitude,longitude,altitude, such as 47.37,8.54,408");
   }
-  Eigen::Vector3d origin(values[0], values[1], values[2]);
+  Eigen::Vector3d origin(*values[0], *values[1], *values[2]);
   CheckGeoOrigin(origin, "--origin '" + text + "'");
   return origin;
 }
@@ -172,6 +174,35 @@ std::optional<PositionFileFormat> FindTrajectoryFormat(
   return std::nullopt;
 }
 
+// Throws Error if the rotations between verified pairs show that the poses of
+// the trajectory are in another convention.
+void CheckConvention(const LoadedScene& loaded, const Reconstruction& model,
+                     const ModelConverterOptions& options,
+                     PositionFileFormat format) {
+  PoseConvention convention;
+  if (format == PositionFileFormat::kKitti) {
+    convention.order = PoseConvention::kMatrix;
+  } else if (format == PositionFileFormat::kEuroc) {
+    convention.order = PoseConvention::kWxyz;
+  }
+  const auto pose_of = [&](int image_idx) {
+    const Image& image = loaded.scene.images[image_idx];
+    return loaded.scene.IsReference(image.sensor_idx)
+               ? model.rig_from_world[image.frame_idx]
+               : std::nullopt;
+  };
+  std::vector<RotationEvidence> evidence;
+  for (const ImagePair& pair : loaded.view_graph.pairs) {
+    const auto first = pose_of(pair.image_idx1);
+    const auto second = pose_of(pair.image_idx2);
+    if (!pair.relative_pose || !first || !second) continue;
+    evidence.push_back({pair.relative_pose->cam2_from_cam1, first->rotation,
+                        second->rotation});
+  }
+  const auto other = FindOtherConvention(evidence, convention, "matches");
+  if (other) throw Error("'" + *options.input_path + "': " + *other);
+}
+
 // The images of a database with the poses of a trajectory, without points.
 ToolModel PlaceOnTrajectory(const ModelConverterOptions& options,
                             PositionFileFormat format, const Context& context) {
@@ -184,7 +215,8 @@ ToolModel PlaceOnTrajectory(const ModelConverterOptions& options,
   loading.rig_config_path = options.rigs.rig_config_path;
   loading.rig_name_rule = options.rigs.rig_name_rule;
   loading.image_timestamps_path = options.image_timestamps_path;
-  Scene scene = LoadScene(options.database_path, loading, context).scene;
+  LoadedScene loaded = LoadScene(options.database_path, loading, context);
+  Scene& scene = loaded.scene;
   Reconstruction model;
   model.cameras = scene.cameras;
   model.rig_from_world.resize(scene.frames.size());
@@ -198,6 +230,7 @@ ToolModel PlaceOnTrajectory(const ModelConverterOptions& options,
   for (const auto& [frame_idx, rig_from_world] : poses) {
     model.rig_from_world[frame_idx] = rig_from_world;
   }
+  CheckConvention(loaded, model, options, format);
   context.Info(std::to_string(poses.size()) + " of " +
                std::to_string(scene.frames.size()) + " frames have a pose");
   return {{std::move(scene), std::move(model)}, {}};
@@ -249,9 +282,14 @@ int RunModelConverter(const ModelConverterOptions& options,
     ReadImageTimestamps(*options.image_timestamps_path, &input.model.scene,
                         OtherImages::kIgnore);
   }
-  WriteFiles(format->write({input.model.scene, input.model.reconstruction,
-                            options.poses, input.origin_wgs84}),
-             options.output_path, context);
+  const ExportInput exported{input.model.scene, input.model.reconstruction,
+                             options.poses, input.origin_wgs84};
+  WriteFiles(format->write(exported), options.output_path, context);
+  GroupedWarnings warnings;
+  if (format->losses != nullptr) {
+    for (const std::string& loss : format->losses(exported)) warnings.Add(loss);
+  }
+  warnings.Log(context);
   return kExitSuccess;
 }
 

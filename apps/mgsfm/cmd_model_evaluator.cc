@@ -129,6 +129,33 @@ void WarnOfUnpairedImages(const TruthComparison& comparison,
                   names.front() + "'");
 }
 
+// Warns of true poses in another convention, by the rotations of the model
+// between consecutive images.
+void WarnOfConvention(const TruthComparison& comparison,
+                      const EvaluatorOptions& options, const Context& context) {
+  if (options.gt_format == TruthFormat::kRig) return;
+  PoseConvention convention;
+  if (options.gt_format == TruthFormat::kKitti) {
+    convention.order = PoseConvention::kMatrix;
+  } else if (options.gt_format == TruthFormat::kColmap) {
+    convention = {false, PoseConvention::kWxyz};
+  }
+  std::vector<RotationEvidence> evidence;
+  const ImagePoses* last = nullptr;
+  for (const ImagePoses& image : comparison.images) {
+    if (!image.is_reference || !image.cam_from_model) continue;
+    if (last != nullptr) {
+      evidence.push_back({image.cam_from_model->rotation *
+                              last->cam_from_model->rotation.conjugate(),
+                          last->cam_from_world.rotation,
+                          image.cam_from_world.rotation});
+    }
+    last = &image;
+  }
+  const auto other = FindOtherConvention(evidence, convention, "model");
+  if (other) context.Warning("'" + *options.gt_path + "': " + *other);
+}
+
 CommandResult RunModelEvaluator(const EvaluatorOptions& options,
                                 const Context& context) {
   CheckUsage(options);
@@ -141,8 +168,7 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
        options.calib_path, options.database_path, options.image_prefix,
        options.reference, options.rig_name_rule});
   WarnOfUnpairedImages(comparison, context);
-  const auto convention = FindOtherConvention(comparison, options.gt_format);
-  if (convention) context.Warning("'" + *options.gt_path + "': " + *convention);
+  WarnOfConvention(comparison, options, context);
   thresholds.is_metric =
       options.gt_unit == LengthUnit::kMetre ||
       (options.gt_unit == LengthUnit::kAuto && comparison.is_metric);

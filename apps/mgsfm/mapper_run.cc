@@ -7,6 +7,7 @@
 
 #include "command.h"
 #include "figure_files.h"
+#include "fixed_region_masks.h"
 #include "io/database/image_list.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
@@ -160,6 +161,20 @@ RunDescription DescribeInput(const MapperRun& run, const Context& context) {
   return description;
 }
 
+// Files beside the models, if they are wanted.
+void WriteIllustrations(const MapperRun& run, const MapperInput& input,
+                        const MapperResult& result,
+                        const std::string& report_json,
+                        const Context& context) {
+  if (!run.figures_path.empty()) {
+    WriteFiguresOfModels(run.figures_path, input, result, report_json, context);
+  }
+  if (!run.fixed_region_mask_path.empty()) {
+    WriteFixedRegionMasks(run.fixed_region_mask_path, input.scene, result,
+                          context);
+  }
+}
+
 }  // namespace
 
 void CheckImagePath(const std::string& image_path) {
@@ -231,6 +246,7 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
 int MapDatabase(const MapperRun& run, const Context& context) {
   CheckImagePath(run.image_path);
   CheckTimestamps(run);
+  CheckFixedRegionFolder(run.fixed_region_mask_path);
   // Contradictions are reported before anything is read.
   MapperOptions resolved = run.mapper;
   ResolveBaseline(run.baseline, &resolved);
@@ -273,10 +289,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
     first_page = WriteReportPages(run.output_path, run.image_path, input.mapper,
                                   result, report_json, context);
   }
-  if (!run.figures_path.empty()) {
-    WriteFiguresOfModels(run.figures_path, input.mapper, result, report_json,
-                         context);
-  }
+  WriteIllustrations(run, input.mapper, result, report_json, context);
   if (result.models.empty()) {
     LogNoModel(run, context);
     return kExitNotSolvable;

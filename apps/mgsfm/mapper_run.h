@@ -31,10 +31,11 @@ struct MapperRun {
   std::string image_list_path = {};  // images to use; empty: all
   BaselineOptions baseline = {};     // by default the mapper itself
   RigSplitOptions rig_split = {};
-  bool write_report = false;      // a page per model
-  std::string figures_path = {};  // folder; may be empty
-  LiveView* live = nullptr;       // shows the run; may be null
-  int max_memory_mib = 0;         // 0: not limited
+  bool write_report = false;                // a page per model
+  std::string figures_path = {};            // folder; may be empty
+  LiveView* live = nullptr;                 // shows the run; may be null
+  int max_memory_mib = 0;                   // 0: not limited
+  std::string fixed_region_mask_path = {};  // folder; may be empty
 };
 
 // The input of the mapper, and the facts about it that the report states.

@@ -36,6 +36,12 @@ std::vector<PosePriorRow> ReadPositions(const std::string& path,
                     PosePriorRow::CoordinateSystem::kUndefined, line.value,
                     std::nullopt});
   }
+  if (rows.empty()) {
+    throw Error("'" + path +
+                "' (--ref_images_path) has no position of an image of the "
+                "model, such as '" +
+                scene.images.front().name + "'; give names as in the model");
+  }
   return rows;
 }
 
@@ -81,7 +87,7 @@ ReferencePositions ReadReference(const ReferenceSource& source,
   if (!source.ref_images_path.empty()) {
     reference.positions =
         MakePositionPriors(scene, ReadPositions(source.ref_images_path, scene),
-                           source.ref_images_path, options);
+                           "'" + source.ref_images_path + "'", options);
     return reference;
   }
   const Scene all = ImagesOfDatabase(source.database_path, context);

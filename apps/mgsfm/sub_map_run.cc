@@ -214,7 +214,7 @@ Json DescribeModel(const ModelStatistics& statistics,
         {{"num_iterations", solve.num_iterations},
          {"initial_cost", solve.initial_cost},
          {"final_cost", solve.final_cost},
-         {"termination", std::string(TerminationName(solve.termination))}});
+         {"termination", std::string(EnumName(solve.termination))}});
   }
   return json;
 }

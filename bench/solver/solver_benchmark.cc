@@ -75,14 +75,15 @@ Reconstruction RunStages(const Input& input, const MapperOptions& options,
   const ViewGraphResult view_graph = EstimateViewGraph(
       scene, bearings, input.view_graph, options.view_graph, context);
   const EstimatedRotations rotation = EstimateRotations(
-      scene, FramePairIndex(scene, view_graph.estimate), view_graph.estimate,
-      {}, options.rotation_averaging, {}, context);
+      {scene, view_graph.estimate, FramePairIndex(scene, view_graph.estimate)},
+      {options.rotation_averaging, PairFilteringOptions()}, context);
   const TrackResult tracks = EstablishTracks(scene, view_graph.estimate,
                                              rotation.estimate.pair_is_inlier,
                                              options.tracks, context);
-  const TranslationResult translation = AverageTranslations(
-      scene, bearings, view_graph.estimate, rotation.estimate, tracks.estimate,
-      options.translation_averaging, context);
+  const TranslationResult translation =
+      AverageTranslations({scene, bearings, view_graph.estimate,
+                           rotation.estimate, tracks.estimate},
+                          options.translation_averaging, context);
   return JoinEstimates(scene, rotation.estimate, translation.estimate,
                        tracks.estimate);
 }
@@ -156,7 +157,7 @@ Json ToJson(const Measurement& m, const Measurement& native) {
           {"final_cost", m.summary.final_cost},
           {"relative_cost_difference",
            m.summary.final_cost / native.summary.final_cost - 1.0},
-          {"termination", TerminationName(m.summary.termination)}};
+          {"termination", EnumName(m.summary.termination)}};
 }
 
 void PrintLine(const std::string& name, const Json& line) {

@@ -7,9 +7,13 @@ from experiments.text_files import names_its_file
 
 
 @names_its_file
-def read_matrices(path, num_rows, names=()):
+def read_matrices(path, num_rows, columns_of=()):
     """{first word without colon: matrix with `num_rows` rows}; 3 x 4 matrices
-    become 4 x 4. Lines of other sizes are skipped; `names` must be there."""
+    become 4 x 4. Lines of other sizes are skipped.
+
+    columns_of: {name: number of columns} of matrices that must be there. All
+    of them but projections, P_..., start with a rotation.
+    """
     matrices = {}
     for line in path.read_text().splitlines():
         words = line.split()
@@ -20,13 +24,25 @@ def read_matrices(path, num_rows, names=()):
         if len(values) % num_rows or len(values) < num_rows * 3:
             continue
         matrix = np.array(values).reshape(num_rows, -1)
-        if matrix.shape == (3, 4):
-            matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
         matrices[words[0].rstrip(":")] = matrix
-    for name in names:
-        if not np.isfinite(matrices[name]).all():
+    for name, num_columns in dict(columns_of).items():
+        matrix = matrices[name]
+        if matrix.shape != (num_rows, num_columns):
+            raise ValueError(f"{name} has {matrix.size} numbers, not "
+                             f"{num_rows * num_columns}")
+        if not np.isfinite(matrix).all():
             raise ValueError(f"{name} has a number that is not finite")
-    return matrices
+        if not name.startswith("P_") and not is_rotation(matrix[:3, :3]):
+            raise ValueError(f"{name} is no rotation matrix")
+    return {name: np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
+            if matrix.shape == (3, 4) else matrix
+            for name, matrix in matrices.items()}
+
+
+def is_rotation(matrix):
+    """True for an orthonormal right-handed matrix, up to three digits."""
+    return (np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-2
+            and np.linalg.det(matrix) > 0.0)
 
 
 def read_world_from_cam0(path):
@@ -42,11 +58,12 @@ class Calibration:
     def __init__(self, folder, perspective_cameras, fisheye_cameras):
         pose_from_cam = read_matrices(
             folder / "calib_cam_to_pose.txt", 3,
-            [*perspective_cameras, *fisheye_cameras])
+            dict.fromkeys([*perspective_cameras, *fisheye_cameras], 4))
         perspective = read_matrices(
             folder / "perspective.txt", 3,
-            [f"{kind}_rect_{k:02}" for k in range(len(perspective_cameras))
-             for kind in "RP"])
+            {f"{kind}_rect_{k:02}": num_columns
+             for k in range(len(perspective_cameras))
+             for kind, num_columns in (("R", 3), ("P", 4))})
         pose_from, self.params = {}, {}
         for k, camera in enumerate(perspective_cameras):
             rectified = np.eye(4)

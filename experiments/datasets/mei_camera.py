@@ -4,6 +4,7 @@
 Model: C. Mei and P. Rives, "Single view point omnidirectional camera
 calibration from planar grids", ICRA 2007.
 """
+import math
 import re
 
 import numpy as np
@@ -21,6 +22,11 @@ def read_mei(path):
         found = re.match(r"\s*(\w+)\s*:\s*([-+.\deE]+)\s*$", line)
         if found:
             numbers[found[1]] = float(found[2])
+    for name in ("gamma1", "gamma2"):
+        if not 0.0 < numbers[name] < math.inf:
+            raise ValueError(f"{name} is {numbers[name]}, not a focal length")
+    if not 0.0 <= numbers["xi"] < math.inf:
+        raise ValueError(f"xi is {numbers['xi']}, not a distance of centers")
     return {name: numbers[name] for name in NAMES}
 
 

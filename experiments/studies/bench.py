@@ -8,6 +8,7 @@ import tempfile
 from experiments import options
 from experiments.sequence import FIXED_INTRINSICS
 from experiments.studies import bench_table, end_to_end
+from experiments.text_files import read_json
 
 DESCRIPTION = """\
 Measures speed, prints tables, and writes all numbers as JSON:
@@ -53,7 +54,7 @@ def run(arguments):
     """Runs both parts, and writes the joined results."""
     program = options.find_program(arguments.program)
     solver = options.find_program(arguments.solver_program)
-    old = (json.loads(arguments.compare.read_text())["runs"]
+    old = (read_json(arguments.compare)["runs"]
            if arguments.compare else [])
     with tempfile.TemporaryDirectory() as parts:
         parts = pathlib.Path(parts)

@@ -28,6 +28,5 @@ def average_rotations(graph: Dict[str, Any], sensor_from_rig: _Rows,
                       values: _Texts, log: _Log,
                       progress: _Progress) -> Dict[str, Any]: ...
 def average_translations(graph: Dict[str, Any], sensor_from_rig: _Rows,
-                         rotations: Dict[str, Any], component: int,
-                         values: _Texts, log: _Log,
+                         rotations: Dict[str, Any], values: _Texts, log: _Log,
                          progress: _Progress) -> Dict[str, Any]: ...

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
@@ -61,10 +61,17 @@ ONE_CAMERA: SensorPoses = (Rigid3d(),)
 
 @dataclass
 class SensorState:
-    """Whether the data determine a sensor, and how or why not."""
+    """Whether the data determine a sensor, and how or why not.
+
+    Attributes:
+      num_samples, median_deviation_deg: Frames that contributed to a rotation,
+        and their median deviation; None: not of this sensor.
+    """
 
     is_observable: bool
     message: str
+    num_samples: Optional[int] = None
+    median_deviation_deg: Optional[float] = None
 
 
 @dataclass
@@ -78,6 +85,8 @@ class Rotations:
       components: (F,) connected component of each frame, the largest is 0; -1:
         none. Each component has a world of its own.
       sensors: A SensorState for each sensor.
+      summary: The keys of rotation_averaging in report.json
+        (docs/reference/report.md).
     """
 
     rig_from_world: FloatArray
@@ -85,6 +94,7 @@ class Rotations:
     pair_is_inlier: npt.NDArray[np.uint8]
     components: IntArray
     sensors: List[SensorState]
+    summary: Dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -97,12 +107,14 @@ class Translations:
       is_metric: The known poses of sensors determine the unit of length; else
         the median baseline is about 1.
       sensors: A SensorState for each sensor.
+      summary: The keys of translation_averaging in report.json.
     """
 
     centers: FloatArray
     sensor_from_rig: FloatArray
     is_metric: bool
     sensors: List[SensorState]
+    summary: Dict[str, Any] = field(default_factory=dict)
 
     def rig_from_world(self, rotations: Rotations) -> List[Optional[Rigid3d]]:
         """The poses of the frames; None: not estimated."""
@@ -154,8 +166,9 @@ def average_translations(graph: ViewGraph, rotations: Rotations,
     (docs/maths/translation.md).
     """
     result = _core.average_translations(
-        graph._arrays(), _rows(sensor_from_rig), dict(vars(rotations)),
-        component, to_texts(options), log or log_to_logging, progress)
+        graph._arrays(), _rows(sensor_from_rig),
+        dict(vars(rotations), component=component), to_texts(options),
+        log or log_to_logging, progress)
     return Translations(**_with_states(result))
 
 
@@ -164,7 +177,7 @@ def _rows(poses: SensorPoses) -> List[Optional[FloatArray]]:
 
 
 def _with_states(result: Dict[str, Any]) -> Dict[str, Any]:
-    result["sensors"] = [SensorState(*row) for row in result["sensors"]]
+    result["sensors"] = [SensorState(**row) for row in result["sensors"]]
     return result
 
 

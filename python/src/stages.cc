@@ -17,6 +17,7 @@
 #include "mgsfm/base/options_io.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/translation/translation_averaging.h"
+#include "scene/fields_json.h"
 
 namespace mgsfm::python {
 namespace {
@@ -230,13 +231,11 @@ py::array_t<double> ToRows(const std::vector<std::optional<Value>>& values,
   return MakeArray(std::move(rows), num_columns);
 }
 
+// The values of a summary as in the report.
 template <class Summary>
-py::list Messages(const std::vector<Summary>& sensors) {
-  py::list messages;
-  for (const Summary& sensor : sensors) {
-    messages.append(py::make_tuple(sensor.is_observable, sensor.message));
-  }
-  return messages;
+py::object ToPython(const Scene& scene, const Summary& summary) {
+  return py::module_::import("json").attr("loads")(
+      JsonFields(scene).ToJson(summary).dump());
 }
 
 py::dict AverageOwnRotations(const py::dict& graph,
@@ -250,8 +249,8 @@ py::dict AverageOwnRotations(const py::dict& graph,
     const auto options =
         ReadOptions<RotationAveragingOptions>(values, &context);
     const Mask pair_is_used(own.view_graph.pairs.size(), true);
-    return AverageRotations(own.scene, own.view_graph, pair_is_used,
-                            /*start=*/nullptr, options, context);
+    return AverageRotations({own.scene, own.view_graph, pair_is_used}, options,
+                            context);
   });
   const RotationEstimate& estimate = rotations.estimate;
   std::vector<uint8_t> pair_is_inlier;
@@ -267,13 +266,14 @@ py::dict AverageOwnRotations(const py::dict& graph,
   result["sensor_from_rig"] = ToRows(estimate.sensor_from_rig, 4);
   result["pair_is_inlier"] = MakeArray(std::move(pair_is_inlier));
   result["components"] = MakeArray(std::move(components));
-  result["sensors"] = Messages(rotations.summary.sensors);
+  result["sensors"] = ToPython(own.scene, rotations.summary.sensors);
+  result["summary"] = ToPython(own.scene, rotations.summary);
   return result;
 }
 
 // Rotations as AverageOwnRotations returns them, of one component.
-RotationEstimate ReadEstimate(const py::dict& rotations, int component,
-                              const OwnGraph& own) {
+RotationEstimate ReadEstimate(const py::dict& rotations, const OwnGraph& own) {
+  const int component = rotations["component"].cast<int>();
   const auto num_frames = static_cast<py::ssize_t>(own.scene.frames.size());
   RotationEstimate estimate;
   estimate.rig_from_world =
@@ -306,28 +306,30 @@ RotationEstimate ReadEstimate(const py::dict& rotations, int component,
 
 py::dict AverageOwnTranslations(const py::dict& graph,
                                 const py::list& sensor_from_rig,
-                                const py::dict& rotations, int component,
+                                const py::dict& rotations,
                                 const std::vector<NamedText>& values,
                                 const py::object& log,
                                 const py::object& progress) {
   OwnGraph own = ReadGraph(graph, sensor_from_rig);
   for (ImagePair& pair : own.view_graph.pairs) pair.matches.clear();
-  const RotationEstimate estimate = ReadEstimate(rotations, component, own);
+  const RotationEstimate estimate = ReadEstimate(rotations, own);
   Bearings bearings;
   bearings.images.resize(own.scene.images.size());
   Caller caller(log, progress);
   const TranslationResult positions = caller.Run([&](Context context) {
     const auto options =
         ReadOptions<TranslationAveragingOptions>(values, &context);
-    return AverageTranslations(own.scene, bearings, own.view_graph, estimate,
-                               /*tracks=*/{}, options, context);
+    return AverageTranslations(
+        {own.scene, bearings, own.view_graph, estimate, /*tracks=*/{}}, options,
+        context);
   });
   py::dict result;
   result["centers"] = ToRows(positions.estimate.frame_center_in_world, 3);
   result["sensor_from_rig"] =
       ToRows(positions.estimate.sensor_from_rig_translation, 3);
   result["is_metric"] = positions.summary.is_metric;
-  result["sensors"] = Messages(positions.summary.sensors);
+  result["sensors"] = ToPython(own.scene, positions.summary.sensors);
+  result["summary"] = ToPython(own.scene, positions.summary);
   return result;
 }
 
@@ -339,8 +341,7 @@ void BindStages(py::module_* module) {
               py::arg("progress"));
   module->def("average_translations", &AverageOwnTranslations, py::arg("graph"),
               py::arg("sensor_from_rig"), py::arg("rotations"),
-              py::arg("component"), py::arg("values"), py::arg("log"),
-              py::arg("progress"));
+              py::arg("values"), py::arg("log"), py::arg("progress"));
 }
 
 }  // namespace mgsfm::python

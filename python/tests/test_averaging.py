@@ -98,8 +98,12 @@ def test_exact_poses_with_an_unknown_sensor():
     error = sensor * SENSOR_FROM_RIG[1].rotation.inverse()
     assert np.degrees(error.angle()) < 1e-3
     assert rotations.sensors[1].is_observable
+    assert rotations.sensors[1].num_samples > 0
+    assert rotations.summary["num_components"] == 1
+    assert rotations.summary["joint"]["termination"] == "converged"
     positions = pymgsfm.average_translations(truth.graph(), rotations, rig)
     assert not positions.is_metric
+    assert positions.summary["num_pairs_used"] > 0
     assert truth.max_center_error(positions.centers, with_scale=True) < 0.02
     pose = positions.sensor_from_rig_poses(rotations)[1]
     direction = SENSOR_FROM_RIG[1].translation

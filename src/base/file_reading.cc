@@ -11,6 +11,7 @@
 #include <mutex>
 #include <optional>
 #include <system_error>
+#include <utility>
 
 #include "mgsfm/base/error.h"
 
@@ -51,23 +52,29 @@ class Descriptor {
 };
 
 // The contents of pipes, as of a process substitution, which can be read once
-// only, while some inputs are read by several steps. By path.
+// only, while some inputs are read by several steps. By path and inode: in a
+// process that goes on, the name of a pipe comes again with another one.
 class PipeContents {
  public:
   std::optional<std::string> Find(const std::string& path) {
+    struct stat status {};
+    const bool is_pipe =
+        stat(path.c_str(), &status) == 0 && S_ISFIFO(status.st_mode);
+    if (!is_pipe) return std::nullopt;
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto found = contents_.find(path);
+    const auto found = contents_.find({path, status.st_ino});
     if (found == contents_.end()) return std::nullopt;
     return found->second;
   }
-  void Add(const std::string& path, const std::string& content) {
+  void Add(const std::string& path, const struct stat& status,
+           const std::string& content) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    contents_[path] = content;
+    contents_[{path, status.st_ino}] = content;
   }
 
  private:
   std::mutex mutex_;
-  std::map<std::string, std::string> contents_;
+  std::map<std::pair<std::string, ino_t>, std::string> contents_;
 };
 
 PipeContents& ReadPipes() {
@@ -121,7 +128,7 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
   }
   const std::string content = ReadDescriptor(
       file.get(), status, path, what, std::numeric_limits<size_t>::max());
-  ReadPipes().Add(path, content);
+  ReadPipes().Add(path, status, content);
   return content.substr(0, max_size);
 }
 

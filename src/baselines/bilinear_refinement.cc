@@ -205,12 +205,14 @@ SolveSummary RefineCamerasBilinearly(const RefinementInput& input,
 SolveSummary RefineCamerasAndPointsBilinearly(
     const RefinementInput& input, const TrackRays& rays,
     const std::vector<size_t>& track_idxs, const RefinementOptions& options,
-    const Context& context, Positions* positions, TrackPoints* points) {
+    const Context& context, PositionsAndPoints* placed) {
   if (!IsDetermined(input, track_idxs)) return NothingToDo("Too few points.");
   BilinearProblem problem(
       input, options, input.baselines.size() + rays.tracks.observations.size(),
-      positions);
-  for (const size_t t : track_idxs) problem.AddTrack(rays, t, points);
+      &placed->positions);
+  for (const size_t t : track_idxs) {
+    problem.AddTrack(rays, t, &placed->points);
+  }
   problem.AddDirections(kPairWeightWithPoints, false);
   problem.FixGauge();
   return problem.Solve(options.loss_scale_rad, options.max_num_iterations,

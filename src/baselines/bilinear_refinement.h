@@ -37,7 +37,7 @@ SolveSummary RefineCamerasBilinearly(const RefinementInput& input,
 SolveSummary RefineCamerasAndPointsBilinearly(
     const RefinementInput& input, const TrackRays& rays,
     const std::vector<size_t>& track_idxs, const RefinementOptions& options,
-    const Context& context, Positions* positions, TrackPoints* points);
+    const Context& context, PositionsAndPoints* placed);
 
 constexpr PositionObjective kBilinearObjective = {
     RefineCamerasBilinearly, RefineCamerasAndPointsBilinearly};

@@ -10,6 +10,7 @@
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "translation/translation_stages.h"
 
 namespace mgsfm {
 namespace {
@@ -19,10 +20,16 @@ constexpr double kRandomStartLossRad = 0.1;
 constexpr int kNumRandomStartIterations = 100;
 constexpr double kFunctionTolerance = 1e-5;
 
-const PositionObjective& ObjectiveOf(const PositionBaselineOptions& baseline) {
-  return baseline.objective == TranslationObjective::kBilinear
-             ? kBilinearObjective
-             : kNonBilinearObjective;
+PositionObjective ObjectiveOf(const PositionBaselineOptions& baseline) {
+  if (baseline.objective == TranslationObjective::kDistance) return {};
+  PositionObjective objective =
+      baseline.objective == TranslationObjective::kBilinear
+          ? kBilinearObjective
+          : kNonBilinearObjective;
+  if (baseline.input == TranslationSource::kRelativeTranslations) {
+    objective.refine_cameras_and_points = nullptr;
+  }
+  return objective;
 }
 
 // The factor that makes the median baseline of the used pairs 1.
@@ -72,87 +79,30 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   refinement_options.function_tolerance = kFunctionTolerance;
   refinement_options.max_num_iterations = std::max(
       kNumRandomStartIterations, *options.averaging.max_num_iterations);
-  Positions positions = start.initial.positions;
-  TrackPoints points = start.points;
+  PositionsAndPoints placed{start.initial.positions, start.points};
   PositionResult result;
   TranslationSummary& summary = result.summary;
   summary.joint_refinement = ObjectiveOf(baseline).refine_cameras_and_points(
       refinement, rays,
-      SelectTracks(rays, points, static_cast<int>(problem.frame_idx.size()),
+      SelectTracks(rays, placed.points,
+                   static_cast<int>(problem.frame_idx.size()),
                    options.averaging.min_num_points_per_image),
-      refinement_options, one_thread, &positions, &points);
+      refinement_options, one_thread, &placed);
   if (!summary.joint_refinement.IsUsable()) {
-    positions = start.initial.positions;
-    points = start.points;
+    placed = {start.initial.positions, start.points};
   }
-  points =
-      TriangulateAt(refinement, rays, positions,
-                    2.0 * DegToRad(options.averaging.max_angle_error_deg),
-                    options.averaging, context.num_threads, std::move(points));
+  TriangulateAgain(refinement, rays,
+                   2.0 * DegToRad(options.averaging.max_angle_error_deg),
+                   options.averaging, context.num_threads, &placed);
   if (!start.initial.is_metric) {
-    ScaleBy(FactorToUnitBaseline(input, problem, positions), &positions,
-            &points);
+    ScaleBy(FactorToUnitBaseline(input, problem, placed.positions), &placed);
   }
   result.pair_is_inconsistent.assign(input.view_graph.pairs.size(), false);
-  result.estimate =
-      MakePositionEstimate(input.scene, problem, positions, points);
+  result.estimate = MakePositionEstimate(input.scene, problem, placed);
   summary.initialization = start.initial.solve;
   summary.camera_refinement = NothingToDo("Not needed: points determine all.");
   SummarizeEstimate(problem, start.initial, result.estimate, &summary);
   return result;
-}
-
-// Pairs as in EstimatePositions(), with the objective of the options; tracks
-// only if the input is hybrid.
-PositionResult PositionByPairs(const PositionBaselineOptions& baseline,
-                               const PositionInput& input,
-                               const PositionOptions& options,
-                               const Context& context) {
-  const bool is_refined = baseline.objective != TranslationObjective::kDistance;
-  const PositionMeasurements measured =
-      MeasurePositions(input, options, context);
-  InitializationOptions initialization;
-  if (is_refined) initialization.relative_tolerance = kStartTolerance;
-  const ScreenedPositions screened =
-      ScreenAndInitialize(input, measured, options, initialization, context);
-  TranslationSummary summary;
-  Positions positions = screened.initial.positions;
-  Mask pair_is_used = screened.pair_is_used;
-  if (is_refined) {
-    RefinedPositions refined = RefineWithPairs(
-        {measured.problem, measured.pairs.baselines, measured.pairs.scales,
-         screened.initial, screened.pair_is_used},
-        options.averaging, context, ObjectiveOf(baseline));
-    summary.camera_refinement = std::move(refined.solve);
-    positions = std::move(refined.positions);
-    pair_is_used = KeepConsistentPairs(input, measured, screened, positions,
-                                       options.filtering);
-  } else {
-    summary.camera_refinement = NothingToDo("Not asked for.");
-  }
-  const RefinementInput refinement{measured.problem, measured.pairs.baselines,
-                                   measured.pairs.scales, screened.initial,
-                                   pair_is_used};
-  TrackPoints points;
-  const bool is_hybrid =
-      is_refined && baseline.input != TranslationSource::kRelativeTranslations;
-  if (is_hybrid) {
-    TrackRefinement refined =
-        RefineWithTracks(refinement, positions, measured.rays,
-                         options.averaging, context, ObjectiveOf(baseline));
-    summary.joint_refinement = std::move(refined.solve);
-    summary.num_frames_placed_by_points = refined.num_frames_placed_by_points;
-    positions = std::move(refined.positions);
-    points = std::move(refined.points);
-  } else {
-    summary.joint_refinement = NothingToDo("Not asked for.");
-    points =
-        TriangulateAt(refinement, measured.rays, positions, kCoarseErrorRad,
-                      options.averaging, context.num_threads);
-  }
-  return ConcludePositions(input, measured, refinement, std::move(positions),
-                           std::move(points), std::move(summary),
-                           options.filtering);
 }
 
 }  // namespace
@@ -174,7 +124,8 @@ PositionResult EstimatePositionsByBaseline(
   CheckPositionBaseline(baseline);
   return baseline.input == TranslationSource::kTracks
              ? PositionByTracks(baseline, input, options, context)
-             : PositionByPairs(baseline, input, options, context);
+             : EstimatePositionsBy(ObjectiveOf(baseline), input, options,
+                                   context);
 }
 
 }  // namespace mgsfm

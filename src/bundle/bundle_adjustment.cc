@@ -17,12 +17,11 @@ namespace mgsfm {
 namespace {
 
 SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
-                          double function_tolerance, const Context& context,
-                          BuiltProblem* built) {
+                          const Context& context, BuiltProblem* built) {
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
-  solver_options.function_tolerance = function_tolerance;
+  solver_options.function_tolerance = options.function_tolerance;
   if (options.saves_memory) {
     solver_options.reduced_solver = ReducedSolver::kIterative;
   }
@@ -37,14 +36,12 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
 
 }  // namespace
 
-bool SolveOnce(const Scene& scene, const BundlePriors& priors,
-               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
-               RefinedParts parts, double function_tolerance,
+bool SolveOnce(const Scene& scene, const RefinementConditions& conditions,
+               const BundleAdjustmentOptions& options, RefinedParts parts,
                const Context& context, BundleResult* result) {
-  BuiltProblem built =
-      BuildProblem(scene, result->estimate, options, parts, priors, fixed);
-  SolveSummary summary =
-      SolveProblem(options, function_tolerance, context, &built);
+  BuiltProblem built = BuildProblem(scene, result->estimate, options, parts,
+                                    conditions.priors, conditions.fixed);
+  SolveSummary summary = SolveProblem(options, context, &built);
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
   result->summary.num_invisible_observations = built.num_invisible_observations;
@@ -127,8 +124,8 @@ BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const FixedPoses& fixed) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, priors, fixed, options, RefinedParts::kAll,
-            options.function_tolerance, context, &result);
+  SolveOnce(scene, {priors, fixed}, options, RefinedParts::kAll, context,
+            &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);
   return result;

@@ -5,6 +5,8 @@
 
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
+#include "bundle/residual_field.h"
+#include "bundle/solve.h"
 #include "geometry/so3.h"
 #include "least_squares/pose_covariances.h"
 #include "mgsfm/bundle/uncertainty.h"
@@ -33,8 +35,7 @@ BuiltProblem BuildWeighted(const Scene& scene,
                            const BundleAdjustmentOptions& options,
                            double sigma_px, const BundlePriors& priors) {
   BundleAdjustmentOptions weighted = options;
-  weighted.loss_scale_px =
-      std::min(options.loss_scale_px, options.loss_sigma_factor * sigma_px);
+  weighted.loss_scale_px = LossScalePx(options, sigma_px);
   BuiltProblem built =
       BuildProblem(scene, reconstruction, weighted, RefinedParts::kAll,
                    {priors.positions, std::nullopt, priors.calibration});
@@ -81,6 +82,20 @@ void AddUnobservable(const std::vector<std::optional<PoseMatrix>>& poses,
       }
     }
   }
+}
+
+// The variance of a free parameter, given that by independent residuals and the
+// factor by which residuals depend on each other. That of its prior is exact.
+double WithDependence(const BundleProblem& problem, int camera, int param,
+                      double variance, double factor) {
+  double of_prior = 0.0;
+  for (const RigProblemBase::ParameterPrior& prior : problem.priors) {
+    if (prior.camera != camera || prior.param != param) continue;
+    of_prior = 1.0 / (prior.sigma * prior.sigma);
+  }
+  const double of_residuals = std::max(0.0, 1.0 / variance - of_prior);
+  const double information = of_prior + of_residuals / factor;
+  return information > 0.0 ? 1.0 / information : variance;
 }
 
 }  // namespace
@@ -133,14 +148,20 @@ std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
   const auto variances =
       ComputeParameterVariances(built.problem, built.state, context);
   if (!variances) return std::nullopt;
+  const std::vector<double> factors = OverdispersionOfCameras(
+      scene, reconstruction, LossScalePx(options, sigma_px));
   std::vector<std::vector<double>> sigmas(scene.cameras.size());
   for (size_t i = 0; i < built.camera_idxs.size(); ++i) {
     const int camera_idx = built.camera_idxs[i];
     sigmas[camera_idx].resize(scene.cameras[camera_idx].params.size(), 0.0);
     const std::vector<int>& free = built.problem.cameras[i].free_params;
     for (size_t k = 0; k < (*variances)[i].size(); ++k) {
+      const double variance = (*variances)[i][k];
+      if (!(variance > 0.0)) continue;
       sigmas[camera_idx][free[k]] =
-          sigma_px * std::sqrt(std::max(0.0, (*variances)[i][k]));
+          sigma_px *
+          std::sqrt(WithDependence(built.problem, static_cast<int>(i), free[k],
+                                   variance, factors[camera_idx]));
     }
   }
   return sigmas;

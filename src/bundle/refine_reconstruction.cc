@@ -30,8 +30,7 @@ struct RefinementInput {
   const Reconstruction& initial;  // without points
   const BundleAdjustmentOptions& options;
   const Context& context;
-  const BundlePriors& priors;
-  const FixedPoses& fixed;
+  const RefinementConditions& conditions;
 };
 
 // Counts the iterations of all solves, supposing that those to come take as
@@ -56,18 +55,19 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
            double function_tolerance, BundleResult* result) {
   BundleSummary& summary = result->summary;
   BundleAdjustmentOptions options = input.options;
+  options.function_tolerance = function_tolerance;
   if (!summary.rounds.empty()) {
     options.loss_scale_px =
         LossScalePx(input.options, summary.rounds.back().sigma_px);
   }
   const bool is_usable =
-      SolveOnce(input.scene, input.priors, input.fixed, options, parts,
-                function_tolerance, ContextOfSolve(input, summary), result);
+      SolveOnce(input.scene, input.conditions, options, parts,
+                ContextOfSolve(input, summary), result);
   const SolveSummary& solve = summary.solves.back();
   input.context.Debug(Formatted(
       "solve %zu: %d iterations, cost %.6g to %.6g, %s", summary.solves.size(),
       solve.num_iterations, solve.initial_cost, solve.final_cost,
-      std::string(TerminationName(solve.termination)).c_str()));
+      std::string(EnumName(solve.termination)).c_str()));
   return is_usable;
 }
 
@@ -172,7 +172,7 @@ FrameSupport FindSupport(const Scene& scene, const Reconstruction& estimate) {
 void DropFramesWithoutSupport(const RefinementInput& input,
                               BundleResult* result) {
   if (!input.options.refine_rig_from_world) return;
-  const Mask& is_fixed = input.fixed.frames;
+  const Mask& is_fixed = input.conditions.fixed.frames;
   Reconstruction& estimate = result->estimate;
   const FrameSupport support = FindSupport(input.scene, estimate);
   const bool are_connected = support.is_connected.Count() > 0;
@@ -230,15 +230,14 @@ BundleResult RefineReconstruction(const Scene& scene,
                                   Reconstruction initial,
                                   const BundleAdjustmentOptions& options,
                                   const Context& context,
-                                  const BundlePriors& priors,
-                                  const FixedPoses& fixed) {
+                                  const RefinementConditions& conditions) {
   BundleResult result;
   std::swap(result.estimate.points, initial.points);
   const Reconstruction initial_poses = initial;
   std::swap(result.estimate.points, initial.points);
   result.estimate = std::move(initial);
-  const RefinementInput input{scene,   candidates, initial_poses, options,
-                              context, priors,     fixed};
+  const RefinementInput input{scene,   candidates, initial_poses,
+                              options, context,    conditions};
   if (SolveAndTriangulate(input, &result)) {
     FilterFinalPoints(input, &result);
     DropFramesWithoutSupport(input, &result);

@@ -258,26 +258,15 @@ std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
 // Bounds the memory of points that do not have their final place yet.
 constexpr size_t kGroupsAtATime = 4096;
 
-// The new points of the groups [begin, end).
-std::vector<std::vector<Point3D>> TriangulateGroups(
-    const Scene& scene, const std::vector<ImageView>& views,
-    const ObservationGroups& groups, size_t begin, size_t end,
+std::vector<Eigen::Vector3d> PointsOfGroup(
     const IndexGroups& points_of_group,
-    const std::vector<Eigen::Vector3d>& all_old_points,
-    const PointFilterOptions& options, int num_threads) {
-  std::vector<std::vector<Point3D>> points(end - begin);
-  ParallelFor(points.size(), num_threads, [&](size_t i) {
-    const size_t g = begin + i;
-    std::vector<Eigen::Vector3d> old_points;
-    for (size_t k = points_of_group.begin[g]; k < points_of_group.begin[g + 1];
-         ++k) {
-      old_points.push_back(all_old_points[points_of_group.items[k]]);
-    }
-    points[i] = TriangulateGroup(
-        scene, CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
-        old_points, options);
-  });
-  return points;
+    const std::vector<Eigen::Vector3d>& points, size_t g) {
+  std::vector<Eigen::Vector3d> of_group;
+  for (size_t k = points_of_group.begin[g]; k < points_of_group.begin[g + 1];
+       ++k) {
+    of_group.push_back(points[points_of_group.items[k]]);
+  }
+  return of_group;
 }
 
 }  // namespace
@@ -309,9 +298,15 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
   result.reserve(result.size() + groups.size());
   for (size_t begin = 0; begin < groups.size(); begin += kGroupsAtATime) {
     const size_t end = std::min(groups.size(), begin + kGroupsAtATime);
-    for (std::vector<Point3D>& of_group :
-         TriangulateGroups(scene, views, groups, begin, end, points_of_group,
-                           old_points, options, num_threads)) {
+    std::vector<std::vector<Point3D>> points(end - begin);
+    ParallelFor(points.size(), num_threads, [&](size_t i) {
+      const size_t g = begin + i;
+      points[i] = TriangulateGroup(
+          scene,
+          CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
+          PointsOfGroup(points_of_group, old_points, g), options);
+    });
+    for (std::vector<Point3D>& of_group : points) {
       for (Point3D& point : of_group) result.push_back(std::move(point));
     }
   }

@@ -13,9 +13,8 @@ namespace mgsfm {
 
 // Solves the problem of the estimate and appends to the summary. Returns false,
 // and does not change the estimate, if the solve fails.
-bool SolveOnce(const Scene& scene, const BundlePriors& priors,
-               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
-               RefinedParts parts, double function_tolerance,
+bool SolveOnce(const Scene& scene, const RefinementConditions& conditions,
+               const BundleAdjustmentOptions& options, RefinedParts parts,
                const Context& context, BundleResult* result);
 
 // The filter of the options for this bound on reprojection errors.

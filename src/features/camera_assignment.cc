@@ -63,7 +63,7 @@ void CheckParams(const Camera& camera, const std::string& what) {
   auto problem = WhyImplausible(camera);
   if (!problem) {
     const auto found = FindIntrinsicsProblem(camera);
-    if (found && (found->is_certain || found->is_of_other_size)) {
+    if (found && (found->is_certain || found->is_misread)) {
       problem = found->text;
     }
   }

@@ -89,7 +89,7 @@ KeptMatches CountKeptMatches(const Scene& scene, const ViewGraph& view_graph,
   MatchSelectionOptions options;
   options.min_pair_share = 0.0;
   const MatchSelection selection = SelectConsistentMatches(
-      scene, view_graph, Mask(view_graph.pairs.size(), true), model,
+      {scene, view_graph, Mask(view_graph.pairs.size(), true), model},
       max_error_px, options, context);
   KeptMatches kept;
   kept.sensors.resize(scene.sensors.size());

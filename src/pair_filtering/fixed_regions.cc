@@ -13,10 +13,8 @@
 namespace mgsfm {
 namespace {
 
-// A cell is a thirtieth of the width of a wide image: about as large as the
-// largest keypoints.
-constexpr int kNumColumns = 32;
-constexpr int kNumRows = 24;
+constexpr int kNumColumns = FixedRegions::kNumColumns;
+constexpr int kNumRows = FixedRegions::kNumRows;
 // The rig turns if a point at infinity moves by this many tolerances of a
 // match.
 constexpr double kMinTurnInTolerances = 4.0;
@@ -214,7 +212,8 @@ ViewGraph DropFixedRegions(const Scene& scene, const FixedRegions& regions,
   }
   context.Info(std::to_string(num_dropped) +
                " matches of objects that move along with the rig are not "
-               "used; mask these regions to extract no features there");
+               "used; fixed_region_mask_path writes masks of "
+               "these regions");
   return visible;
 }
 

@@ -30,6 +30,10 @@ namespace mgsfm {
 //
 // Limits. If nothing else is visible, or the rig never turns, nothing is found.
 struct FixedRegions {
+  // A cell is a thirtieth of the width of a wide image: about as large as the
+  // largest keypoints.
+  static constexpr int kNumColumns = 32;
+  static constexpr int kNumRows = 24;
   std::vector<Mask> of_sensor;  // cells, row by row; empty: none is fixed
 
   bool Contains(const Scene& scene, int image_idx, size_t keypoint_idx) const;

@@ -80,6 +80,21 @@ void RestoreMotionsByDepth(const std::vector<double>& durations,
   }
 }
 
+// The covariances of motions do not contain what all steps share, such as a
+// wrong calibration: how much their measurements disagree shows it.
+void AddDisagreement(const MotionNoise& noise,
+                     const std::vector<double>& durations,
+                     std::vector<std::optional<ChosenMotion>>* chosen) {
+  for (size_t k = 0; k < chosen->size(); ++k) {
+    if (!(*chosen)[k]) continue;
+    Velocity& velocity = (*chosen)[k]->velocity;
+    const double turn = noise.rotation_rad / durations[k];
+    const double change = noise.relative_center * velocity.linear.norm();
+    velocity.angular_covariance += turn * turn * Matrix3d::Identity();
+    velocity.linear_covariance += change * change * Matrix3d::Identity();
+  }
+}
+
 // Interpolates the distances that the chosen hypotheses do not have. Their
 // errors grow with the number of steps to a known one.
 void InterpolateDistances(const Steps& steps,
@@ -202,6 +217,7 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
   auto& chosen = choice.motions;
   RestoreMotionsByDepth(steps.durations, &chosen);
   InterpolateDistances(steps, &chosen);
+  AddDisagreement(steps.noise, steps.durations, &chosen);
   const auto places =
       FollowMotion(chosen, steps, is_doubtful,
                    FindAmbiguous(choice.margins, is_doubtful), first_stretch);

@@ -18,7 +18,7 @@ CandidateSource MakeCandidateSource(const Scene& scene,
                           const Reconstruction& model, double max_error_px) {
     return std::make_shared<const ObservationGroups>(EstablishCandidates(
         scene, view_graph,
-        SelectConsistentMatches(scene, view_graph, pair_is_used, model,
+        SelectConsistentMatches({scene, view_graph, pair_is_used, model},
                                 max_error_px, options.match_selection, context),
         options.tracks, context));
   };

@@ -1,12 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pipeline/covariance_report.h"
 
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
 
+#include "base/format.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "geometry/so3.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -44,6 +51,27 @@ std::string Line(const CovarianceResult& covariances, bool is_sensor, int idx,
   return line + "\n";
 }
 
+bool IsFixed(const PoseMatrix& covariance) {
+  return covariance.bottomRightCorner<3, 3>().isZero(0.0);
+}
+
+// In the least certain direction.
+double SigmaOfTranslation(const PoseMatrix& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
+      covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, eigen.eigenvalues()[2]));
+}
+
+std::optional<double> MedianSigmaOfFrames(const CovarianceResult& covariances) {
+  std::vector<double> sigmas;
+  for (const auto& covariance : covariances.frames) {
+    if (!covariance || IsFixed(*covariance)) continue;
+    sigmas.push_back(SigmaOfTranslation(*covariance));
+  }
+  if (sigmas.empty()) return std::nullopt;
+  return Median(std::move(sigmas));
+}
+
 }  // namespace
 
 std::string CovariancesToCsv(const Scene& scene,
@@ -70,7 +98,24 @@ std::string CovariancesToCsv(const Scene& scene,
   return csv;
 }
 
+bool IsPlaceDetermined(const Reconstruction& model,
+                       const CovarianceResult& covariances, int sensor_idx) {
+  // The quantile of chi squared with three degrees of freedom.
+  constexpr double kMinSquaredDistance = 21.108;
+  const auto& pose = model.sensor_from_rig[sensor_idx];
+  const auto& covariance = covariances.sensors[sensor_idx];
+  if (!pose || !covariance || IsFixed(*covariance)) return true;
+  const Eigen::Matrix3d C = covariance->bottomRightCorner<3, 3>();
+  const double squared_distance =
+      pose->translation.dot(C.ldlt().solve(pose->translation));
+  if (squared_distance > kMinSquaredDistance) return true;
+  const auto sigma_of_frames = MedianSigmaOfFrames(covariances);
+  return !sigma_of_frames ||
+         SigmaOfTranslation(*covariance) <= *sigma_of_frames;
+}
+
 std::string DescribeUnobservable(const Scene& scene,
+                                 const Reconstruction& model,
                                  const CovarianceResult& covariances) {
   std::string text;
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
@@ -83,6 +128,14 @@ std::string DescribeUnobservable(const Scene& scene,
               "directions of its " +
               (is_rotation ? "rotation" : "translation") + " in the rig";
     }
+    if (IsPlaceDetermined(model, covariances, static_cast<int>(i))) continue;
+    text += (text.empty() ? "" : "; ") + std::string("camera '") +
+            scene.sensors[i].name + "': its place in the rig" +
+            Formatted(
+                ", %.2g from the reference with a standard deviation "
+                "of %.2g",
+                model.sensor_from_rig[i]->translation.norm(),
+                SigmaOfTranslation(*covariances.sensors[i]));
   }
   return text.empty() ? text : "not observable: " + text;
 }

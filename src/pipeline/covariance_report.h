@@ -4,6 +4,7 @@
 #include <string>
 
 #include "mgsfm/bundle/uncertainty.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -16,9 +17,17 @@ namespace mgsfm {
 std::string CovariancesToCsv(const Scene& scene,
                              const CovarianceResult& covariances);
 
-// One sentence that names the unobservable directions of sensors, or "" if
-// there are none.
+// Whether the covariances tell the centre of a sensor from that of the
+// reference of its rig: chance moves them apart as far in less than 1 of 10,000
+// rigs. Otherwise its translation counts as determined only if it is as certain
+// as the frames are: the centres of some cameras coincide.
+bool IsPlaceDetermined(const Reconstruction& model,
+                       const CovarianceResult& covariances, int sensor_idx);
+
+// One sentence that names the unobservable directions of sensors and the places
+// that are not determined, or "" if there are none.
 std::string DescribeUnobservable(const Scene& scene,
+                                 const Reconstruction& model,
                                  const CovarianceResult& covariances);
 
 }  // namespace mgsfm

@@ -309,9 +309,11 @@ std::vector<KeptCount> CountKeptBetweenSensors(
 // rotations of pairs are wrong, so that pairs are estimated again with those of
 // the largest model before a camera is accused.
 std::vector<Finding> CheckMotionsTwice(
-    const Scene& scene, const ViewGraph& matches, const ViewGraph& verified,
-    const std::vector<SensorPairSamples>& samples, const MapperOptions& options,
-    const Context& context, const std::vector<MapperModel>& models) {
+    const VerifiedPairs& pairs, const std::vector<SensorPairSamples>& samples,
+    const MapperOptions& options, const Context& context,
+    const std::vector<MapperModel>& models) {
+  const Scene& scene = pairs.scene;
+  const ViewGraph& verified = pairs.view_graph;
   if (models.empty()) return CheckMotions(scene, verified, samples, nullptr);
   const KeptMatches& kept = models.front().kept_matches;
   std::vector<Finding> findings = CheckMotions(scene, verified, samples, &kept);
@@ -320,8 +322,8 @@ std::vector<Finding> CheckMotionsTwice(
   adjusted.cameras = models.front().reconstruction.cameras;
   const ViewGraph again =
       EstimateViewGraph(adjusted,
-                        ComputeBearings(adjusted, context.num_threads), matches,
-                        options.view_graph, context)
+                        ComputeBearings(adjusted, context.num_threads),
+                        pairs.matches(), options.view_graph, context)
           .estimate;
   return CheckMotions(adjusted, again, CollectRigSamples(adjusted, again),
                       &kept);
@@ -329,10 +331,11 @@ std::vector<Finding> CheckMotionsTwice(
 
 }  // namespace
 
-void CheckInput(const Scene& scene, const ViewGraph& matches,
-                const ViewGraph& verified, const MapperInput& input,
+void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
                 const MapperOptions& options, const Context& context,
                 MapperResult* result) {
+  const Scene& scene = pairs.scene;
+  const ViewGraph& verified = pairs.view_graph;
   for (MapperModel& model : result->models) {
     model.kept_matches =
         CountKeptMatches(scene, verified, model.reconstruction,
@@ -342,14 +345,13 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
   if (input.expects_rigs) findings = CheckSharedFrames(scene);
   std::vector<SensorPairSamples> samples = CollectRigSamples(scene, verified);
   std::vector<Finding> causes = CheckImageSizes(scene);
-  Append(CheckMotionsTwice(scene, matches, verified, samples, options, context,
-                           result->models),
+  Append(CheckMotionsTwice(pairs, samples, options, context, result->models),
          &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
   if (causes.empty()) {  // otherwise pairs do not measure focal lengths
     causes = ConfirmedFocalLengthDoubts(
         scene, result->models, options.bundle_adjustment, context,
-        CheckTrustedFocalLengths(scene, matches, context));
+        CheckTrustedFocalLengths(scene, pairs.matches(), context));
   }
   for (const MapperModel& model : result->models) {
     if (!model.delays || !model.delays->AreCertain()) continue;

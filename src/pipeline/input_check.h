@@ -4,17 +4,15 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/view_graph.h"
+#include "pipeline/verified_pairs.h"
 
 namespace mgsfm {
 
 // Checks an input against itself and against the result (mgsfm/health), and
-// adds the findings to `result`, causes before their effects. `scene` has the
-// cameras that the stages used, `matches` the pairs before and `verified` those
-// after the estimation of relative poses. Lost matches are a finding only if no
-// other one explains them.
-void CheckInput(const Scene& scene, const ViewGraph& matches,
-                const ViewGraph& verified, const MapperInput& input,
+// adds the findings to `result`, causes before their effects. The scene of the
+// pairs has the cameras that the stages used. Lost matches are a finding only
+// if no other one explains them.
+void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
                 const MapperOptions& options, const Context& context,
                 MapperResult* result);
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/uncertainty.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -27,12 +28,12 @@ constexpr double kPrincipalPointSigma = 0.02;
 constexpr double kSigmaOfExif = 0.1;
 constexpr double kPerspectiveSigmas[] = {0.3, 0.15, 2e-3, 2e-3};
 constexpr double kFisheyeSigmas[] = {0.1, 0.05, 0.02, 0.01};
+// In standard deviations: normal errors exceed it in 1 of 10,000 cases.
+constexpr double kMaxErrorOfStart = 3.9;
 // Errors of the lens model, of time and of matches shift the focal lengths of
 // an adjusted model by this much: the root mean square of recorded rigs whose
 // motion determines them.
 constexpr double kModelSigma = 0.007;
-// Normal errors exceed it in 1 of 10,000 cases.
-constexpr double kMinSignificance = 3.9;
 // The change that a view graph tolerates, in its maximum errors. On recorded
 // rigs, the next round changes a lens by 3 to 15 % of that: less than the
 // maximum error of a match.
@@ -260,8 +261,15 @@ void LogRound(const LensSummary& summary, size_t num_frames, double change_px,
   context.Info(text);
 }
 
-// Leaves RADIAL to the lenses whose second parameter differs from zero with
-// certainty in a model of some frames.
+// The logarithm of the evidence for a parameter with a normal prior about zero,
+// relative to that for zero: the ratio of the densities of prior and posterior
+// at zero (Dickey 1971).
+double LogEvidence(double value, double sigma, double prior_sigma) {
+  return 0.5 * value * value / (sigma * sigma) - std::log(prior_sigma / sigma);
+}
+
+// Leaves RADIAL to the lenses for whose second parameter a model of some frames
+// is evidence.
 void SelectModels(const LensInput& input, const Reconstruction& model,
                   const MapperOptions& options, const Context& context,
                   LensResult* result) {
@@ -277,11 +285,10 @@ void SelectModels(const LensInput& input, const Reconstruction& model,
       continue;
     const double k2 = model.cameras[i].params.back();
     const double sigma = (*sigmas)[i].back();
-    char text[80];
-    std::snprintf(text, sizeof(text),
-                  "its second radial parameter is %.2g +- %.1g", k2, sigma);
-    lens.reason = text;
-    if (std::abs(k2) > kMinSignificance * sigma) continue;
+    lens.reason =
+        Formatted("its second radial parameter is %.2g +- %.1g", k2, sigma);
+    if (LogEvidence(k2, sigma, lenses.prior.intrinsic_sigmas[i].back()) > 0.0)
+      continue;
     lens.model = CameraModelId::kSimpleRadial;
     lenses.cameras[i] = WithModel(lenses.cameras[i], lens.model);
     SetPrior(i, input.start[i], options.bundle_adjustment, &lenses);
@@ -342,30 +349,11 @@ void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
   }
 }
 
-void DoubtFocalLengths(const Scene& scene,
-                       const std::vector<FocalLengthEstimate>& estimates,
-                       MapperModel* model) {
+void AddModelErrors(const Scene& scene, MapperModel* model) {
   for (FocalLengthCheck& check : model->focal_lengths) {
     check.prior_px = FirstFocalLength(scene.cameras[check.camera_idx]);
     if (check.relative_sigma) {
       check.relative_sigma = std::hypot(*check.relative_sigma, kModelSigma);
-    }
-    for (const FocalLengthEstimate& estimate : estimates) {
-      if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
-        continue;
-      }
-      const double of_pairs = estimate.sigma.value_or(kSigmaOfFocalLengthGuess);
-      check.relative_sigma =
-          std::max(check.relative_sigma.value_or(0.0),
-                   std::min(of_pairs, kSigmaOfFocalLengthGuess));
-      if (!check.message.empty()) continue;
-      char estimated[40];
-      std::snprintf(estimated, sizeof(estimated), "%.0f px",
-                    check.estimated_px);
-      check.message = "the focal length of " +
-                      CameraLabel(scene, check.camera_idx) +
-                      " is estimated as " + estimated +
-                      ", but not exactly: " + estimate.message;
     }
   }
 }
@@ -388,10 +376,16 @@ std::vector<Camera> StartOfLenses(const std::vector<Camera>& given,
                                   FocalLengthResult of_pairs) {
   for (const FocalLengthEstimate& estimate : of_pairs.estimates) {
     const Camera& camera = given[estimate.camera_idx];
-    if (HasLensOfExif(camera) &&
-        !(estimate.sigma.value_or(1.0) < kSigmaOfExif)) {
-      of_pairs.cameras[estimate.camera_idx].params = camera.params;
+    if (!HasLensOfExif(camera)) continue;
+    Camera& of_camera = of_pairs.cameras[estimate.camera_idx];
+    const double sigma = estimate.sigma.value_or(1.0);
+    const double change =
+        std::log(FirstFocalLength(of_camera) / FirstFocalLength(camera));
+    if (sigma < kSigmaOfExif &&
+        std::abs(change) < kMaxErrorOfStart * std::hypot(sigma, kSigmaOfExif)) {
+      continue;
     }
+    of_camera.params = camera.params;
   }
   return std::move(of_pairs.cameras);
 }

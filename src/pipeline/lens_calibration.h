@@ -48,7 +48,8 @@ struct LensResult {
 [[nodiscard]] std::vector<Camera> WithoutExif(std::vector<Camera> cameras);
 
 // The cameras at which estimation starts: those of image pairs, except for
-// focal lengths of EXIF that are more certain.
+// focal lengths of EXIF that are more certain, or that image pairs contradict:
+// those of planar scenes do so with certainty, and wrongly.
 [[nodiscard]] std::vector<Camera> StartOfLenses(
     const std::vector<Camera>& given, FocalLengthResult of_pairs);
 
@@ -67,9 +68,10 @@ struct LensResult {
 // Unless its model was chosen, a camera has RADIAL, and its principal point is
 // unknown. All unknowns have normal priors, so that those that the images do
 // not determine stay near the values of usual lenses. It has SIMPLE_RADIAL at
-// last if its second radial parameter does not differ from zero with certainty.
-// OPENCV is never selected: on recorded rigs, its decentering and second focal
-// length fit delays and rolling shutters, and are certain and wrong.
+// last if that has the higher evidence (marginal likelihood), in which
+// residuals count less the more of them depend on each other. OPENCV is never
+// selected: on recorded rigs, its decentering and second focal length fit
+// delays and rolling shutters, and are certain and wrong.
 [[nodiscard]] LensResult CalibrateLenses(const LensInput& input,
                                          const LensMapper& map,
                                          const MapperOptions& options,
@@ -86,13 +88,9 @@ struct LensResult {
 void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
                      const Context& context);
 
-// Makes the standard deviations of a model true. Bundle adjustment derives them
-// from the noise of keypoints alone and is too confident. Image pairs also
-// reveal how much they disagree, so a focal length that they could not
-// determine is not trusted. `scene` has the initial focal lengths.
-void DoubtFocalLengths(const Scene& scene,
-                       const std::vector<FocalLengthEstimate>& estimates,
-                       MapperModel* model);
+// Adds what errors of the lens model that leave no residuals do to focal
+// lengths. `scene` has the initial ones.
+void AddModelErrors(const Scene& scene, MapperModel* model);
 
 // The root mean square in pixels of the displacement of rays by the change of a
 // lens, over a grid in the image and without its mean, which is a rotation.

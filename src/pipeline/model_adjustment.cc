@@ -13,7 +13,7 @@
 #include "pipeline/covariance_report.h"
 #include "pipeline/metric_scale.h"
 #include "pipeline/soft_rig_images.h"
-#include "pipeline/timed.h"
+#include "pipeline/stage.h"
 #include "priors/gravity_levelling.h"
 #include "priors/pose_graph_deformation.h"
 #include "priors/position_registration.h"
@@ -60,15 +60,16 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   if (up) up = -*up;
   const Reconstruction unregistered = *initial;
   PositionRegistration registration =
-      RegisterToPriors(input.scene, input.positions, up, input.is_metric,
-                       context.random_seed, initial);
+      RegisterToPriors(input.scene, input.positions,
+                       {up, input.is_metric, context.random_seed}, initial);
   model->position_priors = std::move(registration.summary);
   PositionPriorSummary& summary = *model->position_priors;
   if (!summary.is_registered) return std::move(registration.used);
   const double extent = ExtentOf(*initial);
-  summary.deformation = DeformToPriors(
-      input.scene, input.view_graph, input.pair_is_used, input.positions,
-      input.is_metric, context, &registration.used, initial);
+  summary.deformation =
+      DeformToPriors({input.scene, input.view_graph, input.pair_is_used,
+                      input.positions, input.is_metric},
+                     context, &registration.used, initial);
   if (!summary.deformation || IsPlausible(*summary.deformation, extent)) {
     return std::move(registration.used);
   }
@@ -177,8 +178,13 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
     return MakeCandidateSource(separate, input.view_graph, input.matches,
                                input.pair_is_used, options, context);
   };
-  return EstimateRigDelays(input.scene, TimesOfFrames(input.scene), candidates,
-                           model, options.bundle_adjustment, context);
+  RigMeasurements measured{TimesOfFrames(input.scene), {}};
+  if (const auto baseline =
+          ParseMetricScale(options.metric_scale, input.scene)) {
+    measured.known_distances = baseline->sensor_idxs;
+  }
+  return EstimateRigDelays(input.scene, measured, candidates, model,
+                           options.bundle_adjustment, context);
 }
 
 // Bundle adjustment. Drops the rig from `priors` if the evidence of the model
@@ -186,13 +192,14 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
 void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
                      const Context& context, Reconstruction initial,
                      BundlePriors* priors, MapperModel* model) {
-  const auto refine = [&](const char* stage, Reconstruction start) {
-    return Timed(stage, context, &model->times, [&] {
-      return RefineReconstruction(input.scene,
-                                  MakeObservedSource(input, options, context),
-                                  std::move(start), options.bundle_adjustment,
-                                  context, *priors, input.held);
-    });
+  const auto refine = [&](const char* name, Reconstruction start) {
+    const RunningStage stage(name, context);
+    BundleResult refined = RefineReconstruction(
+        input.scene, MakeObservedSource(input, options, context),
+        std::move(start), options.bundle_adjustment, context,
+        {*priors, input.held});
+    stage.Finish(&model->times);
+    return refined;
   };
   BundleResult bundle = refine("bundle adjustment", std::move(initial));
   model->rig_differences.clear();
@@ -222,10 +229,11 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
                     MapperModel* model) {
   const Scene& scene = input.scene;
   if (options.compute_covariances) {
-    model->covariances = Timed("covariances", context, &model->times, [&] {
-      return ComputeCovariances(scene, model->reconstruction,
-                                options.bundle_adjustment, context, priors);
-    });
+    const RunningStage stage("covariances", context);
+    model->covariances =
+        ComputeCovariances(scene, model->reconstruction,
+                           options.bundle_adjustment, context, priors);
+    stage.Finish(&model->times);
   }
   if (!model->delays || !model->covariances || !model->covariances->is_usable) {
     return;
@@ -233,21 +241,9 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
   AddRigErrors(scene, model->reconstruction, *model->delays,
                &*model->covariances);
   ListUnobservable(scene, model->reconstruction, context, &*model->covariances);
-  const std::string message = DescribeUnobservable(scene, *model->covariances);
+  const std::string message =
+      DescribeUnobservable(scene, model->reconstruction, *model->covariances);
   if (!message.empty()) context.Warning(message);
-}
-
-// Estimates individual poses of images.
-bool EstimateSoftRigOfImages(const AdjustmentInput& input, BundlePriors priors,
-                             const MapperOptions& options,
-                             const Context& context, MapperModel* model) {
-  const Scene separate = SeparateImages(input.scene);
-  priors.calibration.sensors.clear();  // each image is a sensor
-  return EstimateSoftRigOfModel(
-      input.scene, separate,
-      MakeCandidateSource(separate, input.view_graph, input.matches,
-                          input.pair_is_used, options, context),
-      options, priors, context, model);
 }
 
 }  // namespace
@@ -282,15 +278,14 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   if (options.is_for_lenses) return;
   PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
-  model->delays = Timed("delays of cameras", context, &model->times, [&] {
-    return EstimateDelays(input, options, context, model->reconstruction);
-  });
+  const RunningStage stage("delays of cameras", context);
+  model->delays =
+      EstimateDelays(input, options, context, model->reconstruction);
+  stage.Finish(&model->times);
   AddCovariances(input, used_priors, options, context, model);
   if (options.soft_rig.method != SoftRig::kNone) {
-    Timed("soft rig", context, &model->times, [&] {
-      return EstimateSoftRigOfImages(input, used_priors, options, context,
-                                     model);
-    });
+    EstimateSoftRigOfModel(input, std::move(used_priors), options, context,
+                           model);
   }
 }
 

@@ -11,7 +11,7 @@
 #include "mgsfm/base/mask.h"
 #include "pipeline/candidates.h"
 #include "pipeline/model_adjustment.h"
-#include "pipeline/timed.h"
+#include "pipeline/stage.h"
 
 namespace mgsfm {
 namespace {
@@ -144,13 +144,12 @@ bool IsMetric(const Scene& scene, const Reconstruction& start) {
 // frames would then deform the model. Its sensors are therefore calibrated as
 // if they were unknown, and the known lengths are scaled to the unit of the
 // model. nullopt if no length differs.
-std::optional<Scene> AdaptKnownLengths(const Scene& scene,
-                                       const Bearings& bearings,
-                                       const ViewGraph& view_graph,
+std::optional<Scene> AdaptKnownLengths(const VerifiedPairs& pairs,
                                        const Reconstruction& start,
                                        const ResectionOptions& options,
                                        const Context& context) {
   constexpr double kMaxFactor = 1.1;  // errors of lengths stay below 10 %
+  const Scene& scene = pairs.scene;
   Scene uncalibrated = scene;
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     const int ref_idx = scene.rigs[scene.sensors[i].rig_idx].ref_sensor_idx;
@@ -159,8 +158,8 @@ std::optional<Scene> AdaptKnownLengths(const Scene& scene,
     uncalibrated.sensors[i].sensor_from_rig.reset();
   }
   std::vector<std::vector<double>> factors(scene.rigs.size());
-  const ResectionResult placed =
-      ResectFrames(uncalibrated, bearings, view_graph, start, options, context);
+  const ResectionResult placed = ResectFrames(
+      uncalibrated, pairs.bearings, pairs.view_graph, start, options, context);
   for (const PlacedSensor& sensor : placed.sensors) {
     const Sensor& known = scene.sensors[sensor.sensor_idx];
     if (!HasKnownLength(known)) continue;
@@ -309,34 +308,37 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
   }
 }
 
-void ExtendModel(const Scene& input_scene, const Bearings& bearings,
-                 const ViewGraph& view_graph, const Reconstruction& existing,
+void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
                  const MapperOptions& options, const Context& context,
-                 const PositionPriors& priors, const GravityPriors& gravity,
-                 const ModelObserver& observer, MapperResult* result) {
-  CheckExtensionOptions(options, priors);
+                 MapperResult* result) {
+  const Reconstruction& existing = *mapper_input.existing_model;
+  const ViewGraph& view_graph = pairs.view_graph;
+  CheckExtensionOptions(options, mapper_input.position_priors);
   const bool are_fixed = options.extension.fix_existing_frames;
   const Reconstruction start =
-      are_fixed ? existing : AtKnownPoses(input_scene, existing);
+      are_fixed ? existing : AtKnownPoses(pairs.scene, existing);
   std::optional<Scene> adapted;
-  if (HasNewKnownRig(input_scene, start)) {
-    adapted = AdaptKnownLengths(input_scene, bearings, view_graph, start,
-                                options.extension.resection, context);
+  if (HasNewKnownRig(pairs.scene, start)) {
+    adapted =
+        AdaptKnownLengths(pairs, start, options.extension.resection, context);
   }
-  const Scene& scene = adapted ? *adapted : input_scene;
+  const Scene& scene = adapted ? *adapted : pairs.scene;
   MapperModel model;
-  AdjustmentInput input{scene, view_graph, view_graph, priors, gravity};
+  AdjustmentInput input{scene, view_graph, view_graph,
+                        mapper_input.position_priors,
+                        mapper_input.gravity_priors};
   input.pair_is_used.assign(view_graph.pairs.size(), true);
   input.is_metric = IsMetric(scene, start);
   input.start = &start;
-  input.observer = observer;
+  input.observer = mapper_input.observer;
   if (are_fixed) input.held = FixAllOf(start);
   const CandidateSource candidates = MakeCandidateSource(
       scene, view_graph, view_graph, input.pair_is_used, options, context);
-  const PassInput passes{scene,      bearings, view_graph, start,
-                         candidates, options,  context,    observer};
-  ExtendedModel extended = Timed("resection", context, &model.times,
-                                 [&] { return AddFrames(passes); });
+  const RunningStage stage("resection", context);
+  ExtendedModel extended =
+      AddFrames({scene, pairs.bearings, view_graph, start, candidates, options,
+                 context, input.observer});
+  stage.Finish(&model.times);
   model.extension = std::move(extended.summary);
   model.extension->frames_are_fixed = are_fixed;
   model.extension->num_existing_frames = static_cast<int>(std::count_if(

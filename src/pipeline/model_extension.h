@@ -6,22 +6,19 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/view_graph.h"
+#include "pipeline/verified_pairs.h"
 
 namespace mgsfm {
 
-// Extends `start` as mgsfm/extension/model_extension.h describes. `view_graph`
-// has relative poses and inlier matches. Adds to the result the model, the
-// reason for every frame that could not be added, and the sensors' part of the
-// summary of rotations. Throws Error if frames are to be fixed although
-// position priors or a soft rig would move them.
-void ExtendModel(const Scene& scene, const Bearings& bearings,
-                 const ViewGraph& view_graph, const Reconstruction& start,
+// Extends the existing model of the input as mgsfm/extension/model_extension.h
+// describes. Adds to the result the model, the reason for every frame that
+// could not be added, and the sensors' part of the summary of rotations. Throws
+// Error if frames are to be fixed although position priors or a soft rig would
+// move them.
+void ExtendModel(const VerifiedPairs& pairs, const MapperInput& input,
                  const MapperOptions& options, const Context& context,
-                 const PositionPriors& priors, const GravityPriors& gravity,
-                 const ModelObserver& observer, MapperResult* result);
+                 MapperResult* result);
 
 // Whether the known pose of a sensor tells a length.
 bool HasKnownLength(const Sensor& sensor);

@@ -257,9 +257,8 @@ std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
          cam1_from_rig->Inverse();
 }
 
-double ToleranceOf(const MotionProblem& problem, const ImagePair& pair,
-                   double drift_rad) {
-  double tolerance_rad = drift_rad;
+double ToleranceOf(const MotionProblem& problem, const ImagePair& pair) {
+  double tolerance_rad = 0.0;
   for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
     const Camera& camera =
         problem.scene.cameras[problem.scene.images[image_idx].camera_idx];
@@ -287,7 +286,7 @@ MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
     const auto pose2 =
         RelativePoseBy(problem, pair, earlier_frame_idx, motion2);
     if (!pose1 || !pose2) continue;
-    const double tolerance_rad = ToleranceOf(problem, pair, 0.0);
+    const double tolerance_rad = ToleranceOf(problem, pair);
     const auto agrees = [&](const Match& match, const Rigid3& pose) {
       return CompareWithMotion(problem.bearings, problem.depths, pair, match,
                                pose,

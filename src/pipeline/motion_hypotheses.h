@@ -50,9 +50,9 @@ struct MotionProblem {
     const MotionProblem& problem, const ImagePair& pair, int earlier_frame_idx,
     const Rigid3& later_from_earlier);
 
-// The bound of epipolar errors of a pair whose predicted pose may drift.
+// The bound of epipolar errors of a pair.
 [[nodiscard]] double ToleranceOf(const MotionProblem& problem,
-                                 const ImagePair& pair, double drift_rad);
+                                 const ImagePair& pair);
 
 // Compares two motions by all matches, since the matches of the static scene
 // are outliers of the pairs that a vehicle dominates, but only between images

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
+#include <tuple>
 
 #include "math/statistics.h"
 
@@ -21,25 +23,31 @@ constexpr double kMaxErrorOfConfirmed = 0.2;
 
 using Eigen::Vector3d;
 
-// The baseline of a pair of images, in the frame of the second one.
+// The baseline of a pair of images, in the frame of the earlier one.
 struct Baseline {
   Vector3d expected;
   Vector3d actual;
 };
 
 std::optional<Baseline> BaselineOf(const Scene& scene, const ImagePair& pair,
+                                   bool is_reversed,
                                    const std::optional<Rigid3>& expected,
                                    const Reconstruction& reconstruction) {
   const auto cam1 = reconstruction.CamFromWorld(scene, pair.image_idx1);
   const auto cam2 = reconstruction.CamFromWorld(scene, pair.image_idx2);
   if (!expected || !cam1 || !cam2) return std::nullopt;
-  return Baseline{expected->translation, (*cam2 * cam1->Inverse()).translation};
+  const auto baseline = [&](const Rigid3& cam2_from_cam1) {
+    return is_reversed ? cam2_from_cam1.translation : cam2_from_cam1.Center();
+  };
+  return Baseline{baseline(*expected), baseline(*cam2 * cam1->Inverse())};
 }
 
 // Neighbours in time.
 struct Step {
   std::pair<int, int> frames;
+  int earlier = 0, later = 0;  // the same frames
   int time_gap = 0;
+  double duration = 0.0;
   std::vector<Baseline> baselines;  // of image pairs of equal sensors
 
   // The median of a function of a baseline.
@@ -70,16 +78,24 @@ Baselines CollectBaselines(const Scene& scene, const FramePairIndex& index,
   Baselines result;
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
     if (frames.IsBetweenFrames() && !frames.time_gap) continue;
-    Step step{{frames.frame_idx1, frames.frame_idx2},
-              frames.time_gap.value_or(0),
-              {}};
+    Step step;
+    step.frames = {frames.frame_idx1, frames.frame_idx2};
+    std::tie(step.earlier, step.later) = step.frames;
+    if (frames.IsBetweenFrames()) {
+      if (index.order()->IsBefore(step.later, step.earlier)) {
+        std::swap(step.earlier, step.later);
+      }
+      step.time_gap = *frames.time_gap;
+      step.duration = index.order()->Duration(step.earlier, step.later);
+    }
     for (const size_t i : frames.pair_idxs) {
       const ImagePair& pair = view_graph.pairs[i];
       const bool is_equal_sensor = scene.images[pair.image_idx1].sensor_idx ==
                                    scene.images[pair.image_idx2].sensor_idx;
       if (frames.IsBetweenFrames() && !is_equal_sensor) continue;
-      const auto baseline =
-          BaselineOf(scene, pair, expected[i], reconstruction);
+      const auto baseline = BaselineOf(
+          scene, pair, scene.images[pair.image_idx1].frame_idx != step.earlier,
+          expected[i], reconstruction);
       if (!baseline || baseline->expected.isZero(0.0)) continue;
       (frames.IsBetweenFrames() ? step.baselines : result.within_frames)
           .push_back(*baseline);
@@ -103,6 +119,52 @@ double UnitInModel(const Baselines& baselines) {
   return Median(std::move(units));
 }
 
+// The confirmed step that ends last before a step, or the one that begins first
+// after it; null without any.
+const Step* FindConfirmed(const std::vector<const Step*>& confirmed,
+                          const TemporalOrder& order, const Step& step,
+                          bool is_before) {
+  const Step* nearest = nullptr;
+  for (const Step* candidate : confirmed) {
+    const int from = is_before ? candidate->later : step.later;
+    const int to = is_before ? step.earlier : candidate->earlier;
+    const auto gap = order.Gap(from, to);
+    if (!gap || order.IsBefore(to, from)) continue;
+    const int nearest_gap =
+        nearest == nullptr
+            ? std::numeric_limits<int>::max()
+            : *order.Gap(is_before ? nearest->later : step.later,
+                         is_before ? step.earlier : nearest->earlier);
+    if (*gap < nearest_gap) nearest = candidate;
+  }
+  return nearest;
+}
+
+// Whether the model goes on from a confirmed step, or to it, more smoothly than
+// the expected motion.
+bool IsSmoother(const Step& step, const Step& confirmed, double unit) {
+  Vector3d reference = Vector3d::Zero();
+  for (const Baseline& b : confirmed.baselines) reference += b.actual;
+  reference *= step.duration / confirmed.duration /
+               static_cast<double>(confirmed.baselines.size());
+  return step.MedianOf([&](const Baseline& b) {
+    return (b.actual - reference).norm() -
+           (unit * b.expected - reference).norm();
+  }) <= 0.0;
+}
+
+// A rig does not stop or turn from one frame to the next. If the model moves
+// like the confirmed steps on both sides, and the expected motion does not,
+// then the latter is wrong.
+bool IsRefuted(const Step& step, const std::vector<const Step*>& confirmed,
+               const TemporalOrder& order, double unit) {
+  const Step* before = FindConfirmed(confirmed, order, step, true);
+  const Step* after = FindConfirmed(confirmed, order, step, false);
+  return (before != nullptr || after != nullptr) &&
+         (before == nullptr || IsSmoother(step, *before, unit)) &&
+         (after == nullptr || IsSmoother(step, *after, unit));
+}
+
 }  // namespace
 
 ComparedMotions CompareMotions(
@@ -121,6 +183,7 @@ ComparedMotions CompareMotions(
   }
   const double min_error = kMinErrorInSteps * Median(std::move(lengths));
   ComparedMotions result;
+  std::vector<const Step*> jumps, confirmed;
   for (const Step& step : baselines.steps) {
     const double error = step.MedianOf([&](const Baseline& b) {
       return (b.actual - unit * b.expected).norm();
@@ -128,9 +191,15 @@ ComparedMotions CompareMotions(
     const double longer =
         std::max(step.ActualLength(), unit * step.ExpectedLength());
     if (error > std::max(min_error, kMaxRelativeError * longer)) {
-      result.jumps.push_back(step.frames);
+      jumps.push_back(&step);
     } else if (error <= kMaxErrorOfConfirmed * longer) {
+      confirmed.push_back(&step);
       result.confirmed.push_back(step.frames);
+    }
+  }
+  for (const Step* step : jumps) {
+    if (!IsRefuted(*step, confirmed, *index.order(), unit)) {
+      result.jumps.push_back(step->frames);
     }
   }
   return result;

@@ -15,7 +15,9 @@ namespace mgsfm {
 // Pairs of frames of one sequence.
 struct ComparedMotions {
   // The baseline differs from the expected one, in length or direction, by more
-  // than half of the longer of both, and by more than a typical step.
+  // than half of the longer of both, and by more than a typical step, and the
+  // model does not go on from and to the nearest confirmed pairs more smoothly
+  // than the expected motion.
   std::vector<std::pair<int, int>> jumps;
   // It differs by at most 20 % of the longer of both.
   std::vector<std::pair<int, int>> confirmed;
@@ -28,8 +30,11 @@ struct ComparedMotions {
 // `expected` per pair of the view graph: cam2_from_cam1, in one unit of length.
 // The baselines within frames give this unit in the model, since a small model
 // can contradict most steps; without them, it is the median ratio of the
-// lengths of steps. Of the image pairs of equal sensors, the median counts.
-// Empty without expected poses. Cost: linear in the pairs.
+// lengths of steps. Of the image pairs of equal sensors, the median counts. A
+// rig does not stop or turn from one frame to the next: where both motions
+// differ, the smoother one is right. An object that moves along with the rig
+// can have given the expected motion, too. Empty without expected poses. Cost:
+// linear in the pairs, and in the jumps times the confirmed pairs.
 [[nodiscard]] ComparedMotions CompareMotions(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph,

@@ -32,11 +32,6 @@ using FramePair = FramePairIndex::FramePair;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// The path drifts by a random walk with this error per step, the median error
-// of interpolated steps on simulated drives.
-constexpr double kDriftPerStep_rad = 4e-3;
-// Errors of motions refined with depths.
-constexpr double kRefinedError_rad = 2e-3;
 // An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
@@ -56,9 +51,9 @@ std::vector<std::optional<double>> AverageLengths(
                  pairs[i].relative_pose;
   }
   const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
-      problem.scene, problem.bearings, problem.view_graph, is_near,
-      MakePositionProblem(problem.scene, rotations), min_parallax_deg, context,
-      PairRotation::kOwn);
+      {problem.scene, problem.bearings, problem.view_graph, is_near,
+       MakePositionProblem(problem.scene, rotations)},
+      min_parallax_deg, context, PairRotation::kOwn);
   const PairScales scales = AverageScales(
       measured, static_cast<int>(problem.scene.images.size()), context);
   std::vector<std::optional<double>> lengths(pairs.size());
@@ -71,13 +66,9 @@ std::vector<std::optional<double>> AverageLengths(
   return lengths;
 }
 
-// The motion from frame 1 to frame 2 of a pair of frames, and its error.
-struct PlacedFrames {
-  MeasuredMotion rig2_from_rig1;
-  double drift_rad = 0.0;
-};
-// Per pair of frames; nullopt unless the path measures the motion between them.
-using PlacedPairs = std::vector<std::optional<PlacedFrames>>;
+// Per pair of frames, the motion from frame 1 to frame 2; nullopt unless the
+// path measures it.
+using PlacedPairs = std::vector<std::optional<MeasuredMotion>>;
 
 // Motions are refined next to objects. Where no match measures a motion between
 // the frames, nothing is expected of their pairs.
@@ -103,10 +94,7 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
     }
     const MeasuredMotion motion =
         refined ? *refined : path.MeasuredBetween(earlier, later);
-    placed[i] =
-        PlacedFrames{is_reversed ? motion.Inverse() : motion,
-                     refined ? kRefinedError_rad
-                             : kDriftPerStep_rad * std::sqrt(*frames.time_gap)};
+    placed[i] = is_reversed ? motion.Inverse() : motion;
   });
   return placed;
 }
@@ -119,11 +107,8 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
     if (!placed[f]) continue;
     const FramePair& frames = problem.index.frame_pairs()[f];
     for (const size_t i : frames.pair_idxs) {
-      auto pair =
-          ExpectPair(problem, i, frames.frame_idx1, placed[f]->rig2_from_rig1);
-      if (!pair) continue;
-      pair->drift_rad = placed[f]->drift_rad;
-      expected.push_back(*pair);
+      const auto pair = ExpectPair(problem, i, frames.frame_idx1, *placed[f]);
+      if (pair) expected.push_back(*pair);
     }
   }
   std::sort(expected.begin(), expected.end(), [](const auto& a, const auto& b) {
@@ -160,7 +145,7 @@ class MovingKeypoints {
  private:
   void Count(const MotionProblem& problem, const ExpectedPair& expected) {
     const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-    const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+    const double tolerance_rad = ToleranceOf(problem, expected);
     for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
       balance_[image_idx].resize(
           problem.scene.images[image_idx].keypoints_px.size(), 0);
@@ -184,7 +169,7 @@ std::vector<Match> AgreeingMatches(const MotionProblem& problem,
                                    const MovingKeypoints& moving,
                                    const ExpectedPair& expected,
                                    const ImagePair& pair) {
-  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+  const double tolerance_rad = ToleranceOf(problem, expected);
   std::vector<Match> agreeing;
   for (const Match& match : pair.matches) {
     if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
@@ -249,7 +234,6 @@ std::vector<ExpectedPair> VerifyPairs(
       e.cam2_from_cam1.translation =
           e.cam2_from_cam1.translation.norm() * *pose.translation_direction;
     }
-    e.drift_rad = 0.0;
     e.covariance.setZero();
     found.push_back(e);
     (*pair_of_scene)[e.pair_idx] = std::move(pair);
@@ -290,7 +274,7 @@ std::vector<ExpectedPair> SelectDoubtful(
 bool MostDepthsAgree(const MotionProblem& problem,
                      const ExpectedPair& expected) {
   const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+  const double tolerance_rad = ToleranceOf(problem, expected);
   size_t num_agreeing = 0, num_contradicting = 0;
   for (const Match& match : pair.matches) {
     switch (CompareWithMotion(problem.bearings, problem.depths, pair, match,
@@ -443,7 +427,6 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
         {i,
          sensor_from_rig * rig2_from_rig1.later_from_earlier *
              sensor_from_rig.Inverse(),
-         kDriftPerStep_rad * std::sqrt(*frames.time_gap),
          CovarianceOfExpected(sensor_from_rig.rotation, rig2_from_rig1)},
         lengths[i]);
   }
@@ -482,12 +465,11 @@ double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
 
 }  // namespace
 
-MotionOfScene FindMotionOfScene(
-    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
-    const ViewGraph& view_graph, const ViewGraph& matches,
-    const RotationEstimate& rotations, double min_parallax_deg,
-    const ViewGraphOptions& verification, const PairFilteringOptions& filtering,
-    const Context& context) {
+MotionOfScene FindMovingObjects(const MotionInput& input,
+                                const MotionOptions& options,
+                                const Context& context) {
+  const auto& [scene, bearings, index, view_graph, matches, rotations] = input;
+  const auto& [min_parallax_deg, verification, filtering] = options;
   const FrameDepths depths = MeasureFrameDepths(
       scene, bearings, index, view_graph, rotations, min_parallax_deg,
       kKeypointNoise * verification.max_error_px, context);

@@ -15,6 +15,21 @@
 
 namespace mgsfm {
 
+struct MotionInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const FramePairIndex& index;  // of the view graph
+  const ViewGraph& view_graph;
+  const ViewGraph& matches;
+  const RotationEstimate& rotations;
+};
+
+struct MotionOptions {
+  double min_parallax_deg;
+  const ViewGraphOptions& verification;
+  const PairFilteringOptions& filtering;
+};
+
 // How the static scene moves relative to the rig in a sequence, where matches
 // support other motions, too. All empty if none do.
 struct MotionOfScene {
@@ -53,11 +68,8 @@ struct MotionOfScene {
 // Rigs without overlapping views give no depths. Motions are then those of
 // their pairs, by their own rotations and with lengths by scale averaging, and
 // pairs are judged by their own poses.
-[[nodiscard]] MotionOfScene FindMotionOfScene(
-    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
-    const ViewGraph& view_graph, const ViewGraph& matches,
-    const RotationEstimate& rotations, double min_parallax_deg,
-    const ViewGraphOptions& verification, const PairFilteringOptions& filtering,
-    const Context& context);
+[[nodiscard]] MotionOfScene FindMovingObjects(const MotionInput& input,
+                                              const MotionOptions& options,
+                                              const Context& context);
 
 }  // namespace mgsfm

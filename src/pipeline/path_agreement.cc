@@ -19,8 +19,8 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// A pair contradicts the path beyond this angle, plus the drift: the error of
-// pairs with the minimum number of matches.
+// A pair contradicts the path beyond this angle: the error of pairs with the
+// minimum number of matches.
 constexpr double kMaxRotationError_rad = DegToRad(1.0);
 // Displacements below this share of the median step are noise.
 constexpr double kMinDisplacement = 0.2;
@@ -75,6 +75,21 @@ size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
 
 }  // namespace
 
+double ToleranceOf(const MotionProblem& problem, const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  const double keypoint_rad = ToleranceOf(problem, pair);
+  const double of_rotation =
+      expected.covariance.topLeftCorner<3, 3>().trace() / 3.0;
+  const double of_center =
+      expected.covariance.bottomRightCorner<3, 3>().trace() / 3.0;
+  const double per_length = problem.noise_displacement > 0.0
+                                ? keypoint_rad / problem.noise_displacement
+                                : 0.0;
+  return keypoint_rad +
+         kNumSigmas *
+             std::sqrt(of_rotation + per_length * per_length * of_center);
+}
+
 std::optional<ExpectedPair> ExpectPair(const MotionProblem& problem,
                                        size_t pair_idx, int frame_idx1,
                                        const MeasuredMotion& rig2_from_rig1) {
@@ -85,7 +100,7 @@ std::optional<ExpectedPair> ExpectPair(const MotionProblem& problem,
   const Image& image1 = problem.scene.images[pair.image_idx1];
   const Image& image2 = problem.scene.images[pair.image_idx2];
   return ExpectedPair{
-      pair_idx, *cam2_from_cam1, 0.0,
+      pair_idx, *cam2_from_cam1,
       CovarianceOfExpected(
           problem.depths.cam_from_rig[image2.sensor_idx]->rotation,
           image1.frame_idx == frame_idx1 ? rig2_from_rig1
@@ -112,7 +127,7 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
   const Vector3d turn_error = LogSO3(
       pose.cam2_from_cam1 * expected.cam2_from_cam1.rotation.conjugate());
   const double max_turn_error =
-      kMaxRotationError_rad + path.RotationToleranceRad() + expected.drift_rad;
+      kMaxRotationError_rad + path.RotationToleranceRad();
   const double min_error = MinDisplacement(problem, path);
   const Vector3d& translation = expected.cam2_from_cam1.translation;
   const Vector3d direction =

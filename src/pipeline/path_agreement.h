@@ -20,11 +20,16 @@ namespace mgsfm {
 struct ExpectedPair {
   size_t pair_idx = 0;
   Rigid3 cam2_from_cam1;
-  double drift_rad = 0.0;
   // Of the rotation vector and the translation, in the axes of camera 2, by the
   // errors of the motion.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
 };
+
+// The bound of epipolar errors of the matches of an expected pair: that of
+// keypoints and 1.96 standard deviations of the angle by which the
+// errors of the motion displace points at the median distance.
+[[nodiscard]] double ToleranceOf(const MotionProblem& problem,
+                                 const ExpectedPair& expected);
 
 // By the motion of the rig from frame `frame_idx1` to the other frame of the
 // pair. nullopt unless the poses of its sensors in the rig are known.

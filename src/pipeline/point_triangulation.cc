@@ -9,7 +9,7 @@
 #include "mgsfm/pipeline/mapper.h"
 #include "pipeline/candidates.h"
 #include "pipeline/model_extension.h"
-#include "pipeline/timed.h"
+#include "pipeline/stage.h"
 
 namespace mgsfm {
 
@@ -22,24 +22,24 @@ MapperResult TriangulatePoints(const MapperInput& input,
   const Reconstruction& start = *input.existing_model;
   MapperResult result;
   MapperModel model;
+  const RunningStage verification("view graph", context);
   const ViewGraphResult verified =
-      Timed("view graph", context, &result.times, [&] {
-        return EstimateViewGraph(scene,
-                                 ComputeBearings(scene, context.num_threads),
-                                 input.view_graph, options.view_graph, context);
-      });
+      EstimateViewGraph(scene, ComputeBearings(scene, context.num_threads),
+                        input.view_graph, options.view_graph, context);
+  verification.Finish(&result.times);
   result.view_graph = verified.summary;
   const CandidateSource candidates = MakeCandidateSource(
       scene, verified.estimate, input.view_graph,
       Mask(verified.estimate.pairs.size(), true), options, context);
-  Reconstruction initial = Timed("triangulation", context, &model.times, [&] {
-    return TriangulateCandidates(scene, candidates, start,
-                                 options.bundle_adjustment, context);
-  });
-  BundleResult bundle = Timed("refinement", context, &model.times, [&] {
-    return RefineReconstruction(scene, candidates, std::move(initial),
-                                options.bundle_adjustment, context);
-  });
+  const RunningStage triangulation("triangulation", context);
+  Reconstruction initial = TriangulateCandidates(
+      scene, candidates, start, options.bundle_adjustment, context);
+  triangulation.Finish(&model.times);
+  const RunningStage refinement("refinement", context);
+  BundleResult bundle =
+      RefineReconstruction(scene, candidates, std::move(initial),
+                           options.bundle_adjustment, context);
+  refinement.Finish(&model.times);
   model.bundle = std::move(bundle.summary);
   model.reconstruction = std::move(bundle.estimate);
   model.extension = ExtensionSummary();

@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pipeline/position_recipe.h"
 
-#include <cstdio>
 #include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "mgsfm/base/timer.h"
 #include "pair_filtering/baseline_consistency.h"
 #include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/skeletal_graph.h"
 #include "pair_filtering/turned_steps.h"
 #include "translation/measured_baselines.h"
 #include "translation/pose_graph.h"
+#include "translation/translation_stages.h"
 
 namespace mgsfm {
 namespace {
@@ -26,56 +25,36 @@ constexpr int kMaxNumSkeletonIterations = 60;
 // of docs/results/constants.md, the first leaves none.
 constexpr int kMaxNumCorrections = 3;
 
-// Logs the time of each step.
-class StepLog {
- public:
-  explicit StepLog(const Context& context) : context_(context) {}
-  void Finish(const char* step) {
-    char line[128];
-    std::snprintf(line, sizeof(line), "positions: %s %.3f s", step,
-                  timer_.Seconds());
-    context_.Debug(line);
-    timer_ = Timer();
-  }
-
- private:
-  const Context& context_;
-  Timer timer_;
-};
-
 // The skeletal graph, and L1 positions by its pairs alone.
 struct PositionSkeleton {
   Mask is_in_skeleton;
   InitialPositions initial;
 };
 
-BaselineComparison CompareMeasured(const PositionMeasurements& measured,
+BaselineComparison CompareMeasured(const TranslationState& state,
                                    const InitialPositions& initial,
                                    const Positions& positions) {
-  return CompareWith(measured.problem, measured.pairs.baselines,
-                     measured.pairs.scales, initial.group_factor, positions);
+  return CompareWith(state.problem, state.pairs.baselines, state.pairs.scales,
+                     initial.group_factor, positions);
 }
 
-// Pairs beyond the drift bound of a skeleton.
-Mask BeyondDrift(const PositionInput& input,
-                 const PositionMeasurements& measured,
-                 const PositionSkeleton& skeleton, double drift_bound,
-                 const PairFilteringOptions& options) {
-  const BaselineComparison by_skeleton =
-      CompareMeasured(measured, skeleton.initial, skeleton.initial.positions);
-  return FindInconsistentBaselines(
-      input.index, input.view_graph, skeleton.is_in_skeleton,
-      by_skeleton.measured, by_skeleton.centers, drift_bound, options);
+InitialPositions InitializeWith(const TranslationState& state,
+                                const Mask& pair_is_used,
+                                const InitializationOptions& options,
+                                const Context& context) {
+  return InitializePositions(
+      {state.problem, state.pairs.baselines, state.pairs.scales, pair_is_used},
+      options, context);
 }
 
 PositionSkeleton FindSkeleton(const PositionInput& input,
-                              const PositionMeasurements& measured,
+                              const TranslationState& state,
                               const PositionOptions& options,
                               const Context& context) {
-  Mask is_candidate(measured.pairs.baselines.size());
+  const std::vector<BaselineDirection>& baselines = state.pairs.baselines;
+  Mask is_candidate(baselines.size());
   for (size_t i = 0; i < is_candidate.size(); ++i) {
-    is_candidate[i] =
-        measured.pairs.baselines[i].kind == BaselineKind::kDirection;
+    is_candidate[i] = baselines[i].kind == BaselineKind::kDirection;
   }
   Mask is_in_skeleton =
       SelectSkeletalGraph(input.index, input.view_graph, is_candidate,
@@ -83,226 +62,157 @@ PositionSkeleton FindSkeleton(const PositionInput& input,
   // Pairs without parallax also place the frames of the skeleton.
   Mask pair_is_used = is_in_skeleton;
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
-    if (measured.pairs.baselines[i].kind == BaselineKind::kNoParallax) {
-      pair_is_used[i] = true;
-    }
+    if (baselines[i].kind == BaselineKind::kNoParallax) pair_is_used[i] = true;
   }
   return {std::move(is_in_skeleton),
-          InitializePositions(
-              measured.problem, measured.pairs.baselines, measured.pairs.scales,
-              pair_is_used, options.averaging.min_parallax_deg,
-              {kMaxNumSkeletonIterations, kStartTolerance}, context)};
+          InitializeWith(state, pair_is_used,
+                         {options.averaging.min_parallax_deg,
+                          kMaxNumSkeletonIterations, kStartTolerance},
+                         context)};
 }
 
-ScreenedPositions Initialize(const PositionMeasurements& measured,
-                             Mask pair_is_used, const PositionOptions& options,
-                             const InitializationOptions& initialization,
-                             const Context& context) {
-  InitialPositions initial = InitializePositions(
-      measured.problem, measured.pairs.baselines, measured.pairs.scales,
-      pair_is_used, options.averaging.min_parallax_deg, initialization,
-      context);
-  return {std::move(initial), std::move(pair_is_used)};
-}
-
-// Pairs whose baselines contradict positions in the unit of `initial`.
-Mask FindInconsistent(const PositionInput& input,
-                      const PositionMeasurements& measured,
-                      const InitialPositions& initial,
-                      const Positions& positions,
-                      const PairFilteringOptions& options) {
-  if (!options.use_baseline_consistency) {
-    return Mask(input.view_graph.pairs.size(), false);
-  }
-  const BaselineComparison by_positions =
-      CompareMeasured(measured, initial, positions);
-  return FindInconsistentPairs(input.view_graph, by_positions.measured,
-                               by_positions.centers, options);
-}
-
-// Per frame: the deviation of a displaced step to it, in the unit of measured
-// lengths.
-StepDeviations DisplacedSteps(const PositionInput& input,
-                              const PositionMeasurements& measured,
-                              const InitialPositions& initial,
-                              const Positions& positions,
-                              const PositionEstimate& estimate,
-                              const PairFilteringOptions& options) {
-  return FindDisplacedSteps(input.scene, input.index, input.view_graph,
-                            input.rotations.pair_is_inlier,
-                            CompareMeasured(measured, initial, positions),
-                            estimate.frame_center_in_world, options);
-}
-
-void Observe(const PositionInput& input, const PositionMeasurements& measured,
-             const Positions& positions) {
-  if (!input.observer) return;
-  input.observer(
-      MakePositionEstimate(input.scene, measured.problem, positions, {}));
-}
-
-}  // namespace
-
-PositionMeasurements MeasurePositions(const PositionInput& input,
-                                      const PositionOptions& options,
-                                      const Context& context) {
-  PositionProblem problem = MakePositionProblem(input.scene, input.rotations);
-  TrackRays rays = ComputeTrackRays(problem, input.bearings, input.tracks,
-                                    context.num_threads);
-  PairMeasurements pairs = MeasurePairs(
-      input.scene, input.bearings, input.view_graph,
-      input.rotations.pair_is_inlier, problem,
-      options.averaging.min_parallax_deg, context, input.length_hints);
-  return {std::move(problem), std::move(rays), std::move(pairs)};
-}
-
-ScreenedPositions ScreenAndInitialize(
-    const PositionInput& input, const PositionMeasurements& measured,
-    const PositionOptions& options, const InitializationOptions& initialization,
-    const Context& context) {
+// L1 positions, and the pairs that they use: the steps "skeleton" and 2.
+void ScreenAndInitialize(const PositionInput& input,
+                         const PositionOptions& options,
+                         const InitializationOptions& initialization,
+                         const Context& context, TranslationState* state) {
   const PairFilteringOptions& filtering = options.filtering;
-  const Mask& all = input.rotations.pair_is_inlier;
   if (!filtering.use_skeletal_graph || !filtering.use_baseline_drift_bound) {
-    return Initialize(measured, all, options, initialization, context);
+    state->initial =
+        InitializeWith(*state, state->pair_is_used, initialization, context);
+    return;
   }
-  StepLog log(context);
   const PositionSkeleton skeleton =
-      FindSkeleton(input, measured, options, context);
+      FindSkeleton(input, *state, options, context);
   const BaselineComparison by_skeleton =
-      CompareMeasured(measured, skeleton.initial, skeleton.initial.positions);
-  log.Finish("skeletal graph");
-  ScreenedPositions best;
+      CompareMeasured(*state, skeleton.initial, skeleton.initial.positions);
+  const Mask all = state->pair_is_used;
   int fewest_violated = std::numeric_limits<int>::max();
   for (const double drift_bound : BaselineDriftBounds(filtering)) {
     Mask pair_is_used = all;
-    pair_is_used.Remove(
-        BeyondDrift(input, measured, skeleton, drift_bound, filtering));
-    ScreenedPositions screened = Initialize(measured, std::move(pair_is_used),
-                                            options, initialization, context);
+    pair_is_used.Remove(FindInconsistentBaselines(
+        input.index, input.view_graph, skeleton.is_in_skeleton,
+        by_skeleton.measured, by_skeleton.centers, drift_bound, filtering));
+    InitialPositions initial =
+        InitializeWith(*state, pair_is_used, initialization, context);
     const int num_violated = CountViolatedSkeletonEdges(
         input.view_graph, skeleton.is_in_skeleton, by_skeleton,
-        CompareMeasured(measured, screened.initial, screened.initial.positions),
-        filtering);
+        CompareMeasured(*state, initial, initial.positions), filtering);
     context.Debug("positions: drift bound " + std::to_string(drift_bound) +
                   " violates " + std::to_string(num_violated) +
                   " skeleton edges");
     if (num_violated < fewest_violated) {
       fewest_violated = num_violated;
-      best = std::move(screened);
+      state->initial = std::move(initial);
+      state->pair_is_used = std::move(pair_is_used);
     }
     if (num_violated == 0) break;
   }
-  log.Finish("L1 positions");
-  return best;
 }
 
-Mask KeepConsistentPairs(const PositionInput& input,
-                         const PositionMeasurements& measured,
-                         const ScreenedPositions& screened,
-                         const Positions& positions,
-                         const PairFilteringOptions& options) {
-  Mask pair_is_used = screened.pair_is_used;
-  pair_is_used.Remove(
-      FindInconsistent(input, measured, screened.initial, positions, options));
-  return pair_is_used;
-}
-
-PositionResult ConcludePositions(const PositionInput& input,
-                                 const PositionMeasurements& measured,
-                                 const RefinementInput& refinement,
-                                 Positions positions, TrackPoints points,
-                                 TranslationSummary summary,
-                                 const PairFilteringOptions& options) {
-  const InitialPositions& initial = refinement.initial;
-  if (!initial.is_metric) {
-    ScaleBy(FactorToMeasuredLengths(refinement, positions), &positions,
-            &points);
+// Pairs whose baselines contradict the positions.
+Mask FindInconsistent(const PositionInput& input, const TranslationState& state,
+                      const PairFilteringOptions& options) {
+  if (!options.use_baseline_consistency) {
+    return Mask(input.view_graph.pairs.size(), false);
   }
+  const BaselineComparison by_positions =
+      CompareMeasured(state, state.initial, state.placed.positions);
+  return FindInconsistentPairs(input.view_graph, by_positions.measured,
+                               by_positions.centers, options);
+}
+
+// The step "judge". All pairs are judged, also those rejected before: the final
+// positions may agree with them.
+PositionResult JudgePairs(const PositionInput& input,
+                          const TranslationState& state,
+                          TranslationResult averaged,
+                          const PairFilteringOptions& options) {
   PositionResult result;
-  result.pair_is_inconsistent =
-      FindInconsistent(input, measured, initial, positions, options);
-  result.estimate =
-      MakePositionEstimate(input.scene, measured.problem, positions, points);
-  result.summary = std::move(summary);
-  SummarizePairs(measured.pairs, input.rotations.pair_is_inlier,
-                 &result.summary);
+  result.estimate = std::move(averaged.estimate);
+  result.summary = std::move(averaged.summary);
+  result.pair_is_inconsistent = FindInconsistent(input, state, options);
   result.summary.num_pairs_inconsistent_with_positions =
       static_cast<int>(result.pair_is_inconsistent.Count());
-  for (const auto& deviation : DisplacedSteps(
-           input, measured, initial, positions, result.estimate, options)) {
+  const StepDeviations displaced = FindDisplacedSteps(
+      input.scene, input.index, input.view_graph,
+      input.rotations.pair_is_inlier,
+      CompareMeasured(state, state.initial, state.placed.positions),
+      result.estimate.frame_center_in_world, options);
+  for (const auto& deviation : displaced) {
     if (!deviation) continue;
     ++result.summary.num_displaced_steps;
     result.displacement += deviation->norm();
   }
-  result.summary.initialization = initial.solve;
-  SummarizeEstimate(measured.problem, initial, result.estimate,
-                    &result.summary);
   return result;
 }
 
-namespace {
+// The lengths of pairs between frames; nullopt without a baseline.
+std::vector<std::optional<double>> BaselineLengths(
+    const FramePairIndex& index,
+    const std::vector<std::optional<Rigid3>>& poses) {
+  std::vector<std::optional<double>> lengths(poses.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (!poses[i] || !index.Of(i).IsBetweenFrames()) continue;
+    const double length = poses[i]->translation.norm();
+    if (length > 0.0) lengths[i] = length;
+  }
+  return lengths;
+}
 
-// The results of one set of rotations.
+// The result of one set of rotations, and what corrects them.
 struct PositionsByRotations {
-  PositionProblem problem;
-  PairMeasurements pairs;
-  ScreenedPositions screened;
   PositionResult result;
+  TranslationState state;
+  Mask pair_is_screened;  // the pairs of L1 positions
 };
 
-PositionsByRotations EstimateByRotations(const PositionInput& input,
+PositionsByRotations EstimateByRotations(const PositionObjective& objective,
+                                         const PositionInput& input,
                                          const PositionOptions& options,
                                          const Context& context) {
-  StepLog log(context);
-  PositionMeasurements measured = MeasurePositions(input, options, context);
-  log.Finish("baselines of pairs");
-
-  InitializationOptions initialization;
-  initialization.relative_tolerance = kStartTolerance;
-  ScreenedPositions screened =
-      ScreenAndInitialize(input, measured, options, initialization, context);
-  log.Finish("screened L1 positions");
-  Observe(input, measured, screened.initial.positions);
-
-  const RefinedPositions by_pairs = RefineWithPairs(
-      {measured.problem, measured.pairs.baselines, measured.pairs.scales,
-       screened.initial, screened.pair_is_used},
-      options.averaging, context);
-  log.Finish("refinement with pairs");
-  Observe(input, measured, by_pairs.positions);
-
-  const Mask pair_is_used = KeepConsistentPairs(
-      input, measured, screened, by_pairs.positions, options.filtering);
-  const RefinementInput refinement{measured.problem, measured.pairs.baselines,
-                                   measured.pairs.scales, screened.initial,
-                                   pair_is_used};
-  TrackRefinement by_tracks =
-      RefineWithTracks(refinement, by_pairs.positions, measured.rays,
-                       options.averaging, context);
-  log.Finish("refinement with tracks");
-
-  TranslationSummary summary;
-  summary.camera_refinement = by_pairs.solve;
-  summary.joint_refinement = by_tracks.solve;
-  summary.num_frames_placed_by_points = by_tracks.num_frames_placed_by_points;
-  PositionResult result = ConcludePositions(
-      input, measured, refinement, std::move(by_tracks.positions),
-      std::move(by_tracks.points), std::move(summary), options.filtering);
-  return {std::move(measured.problem), std::move(measured.pairs),
-          std::move(screened), std::move(result)};
+  InitializationOptions initialization{options.averaging.min_parallax_deg};
+  if (objective.refine_cameras) {
+    initialization.relative_tolerance = kStartTolerance;
+  }
+  PositionsByRotations by_rotations;
+  TranslationHooks hooks;
+  if (input.pair_on_path) {
+    hooks.length_hints.expected =
+        BaselineLengths(input.index, *input.pair_on_path);
+  }
+  hooks.objective = objective;
+  hooks.observer = input.observer;
+  hooks.initialize = [&](TranslationState* state) {
+    ScreenAndInitialize(input, options, initialization, context, state);
+    by_rotations.pair_is_screened = state->pair_is_used;
+  };
+  hooks.select_pairs = [&](TranslationState* state) {
+    state->pair_is_used.Remove(
+        FindInconsistent(input, *state, options.filtering));
+  };
+  hooks.finish = [&](TranslationState state) {
+    by_rotations.state = std::move(state);
+  };
+  TranslationResult averaged =
+      AverageTranslations({input.scene, input.bearings, input.view_graph,
+                           input.rotations, input.tracks},
+                          options.averaging, context, &hooks);
+  by_rotations.result = JudgePairs(input, by_rotations.state,
+                                   std::move(averaged), options.filtering);
+  return by_rotations;
 }
 
 RotationEstimate CorrectRotations(const ViewGraph& view_graph,
                                   const RotationEstimate& rotations,
                                   const PositionsByRotations& by_rotations,
                                   const Context& context) {
-  const ScreenedPositions& screened = by_rotations.screened;
+  const TranslationState& state = by_rotations.state;
   RotationEstimate corrected = rotations;
   corrected.rig_from_world =
-      RefinePoseGraph(
-          {by_rotations.problem, by_rotations.pairs.baselines,
-           by_rotations.pairs.scales, screened.initial, screened.pair_is_used},
-          view_graph, rotations, context)
+      RefinePoseGraph({state.problem, state.pairs.baselines, state.pairs.scales,
+                       state.initial, by_rotations.pair_is_screened},
+                      view_graph, rotations, context)
           .rig_from_world;
   return corrected;
 }
@@ -343,7 +253,8 @@ void LogCorrection(const PositionResult& corrected,
 PositionResult EstimatePositions(const PositionInput& input,
                                  const PositionOptions& options,
                                  const Context& context) {
-  PositionsByRotations best = EstimateByRotations(input, options, context);
+  PositionsByRotations best =
+      EstimateByRotations(kNonBilinearObjective, input, options, context);
   RotationEstimate rotations = input.rotations;
   for (int i = 0; i < kMaxNumCorrections && best.result.displacement > 0.0;
        ++i) {
@@ -352,8 +263,9 @@ PositionResult EstimatePositions(const PositionInput& input,
     if (TurnsMoreSteps(input, corrected)) break;
     // The observer knows only the rotations of the input.
     PositionsByRotations next = EstimateByRotations(
+        kNonBilinearObjective,
         {input.scene, input.bearings, input.view_graph, input.index, corrected,
-         input.tracks, input.length_hints},
+         input.tracks, input.pair_on_path},
         options, context);
     LogCorrection(next.result, best.result, context);
     if (!IsBetter(next.result, best.result)) break;
@@ -363,6 +275,13 @@ PositionResult EstimatePositions(const PositionInput& input,
     best.result.corrected_rig_from_world = rotations.rig_from_world;
   }
   return std::move(best.result);
+}
+
+PositionResult EstimatePositionsBy(const PositionObjective& objective,
+                                   const PositionInput& input,
+                                   const PositionOptions& options,
+                                   const Context& context) {
+  return EstimateByRotations(objective, input, options, context).result;
 }
 
 }  // namespace mgsfm

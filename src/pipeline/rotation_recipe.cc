@@ -2,7 +2,6 @@
 #include "pipeline/rotation_recipe.h"
 
 #include <cstddef>
-#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -35,16 +34,20 @@ Mask PairsWithRelativePose(const ViewGraph& view_graph) {
   return has_relative_pose;
 }
 
-RotationResult NothingToAverage(const Scene& scene, const ViewGraph& view_graph,
-                                const Context& context) {
-  context.Warning("None of the " + std::to_string(view_graph.pairs.size()) +
+EstimatedRotations NothingToAverage(const RotationInput& input,
+                                    PairVerdicts verdicts,
+                                    const Context& context) {
+  const Scene& scene = input.scene;
+  const size_t num_pairs = input.view_graph.pairs.size();
+  context.Warning("None of the " + std::to_string(num_pairs) +
                   " image pairs has a relative pose: there are no rotations to "
                   "average.");
-  RotationResult result;
+  EstimatedRotations result;
+  result.verdicts = std::move(verdicts);
   RotationEstimate& estimate = result.estimate;
   estimate.rig_from_world.resize(scene.frames.size());
   estimate.component.resize(scene.frames.size());
-  estimate.pair_is_inlier.resize(view_graph.pairs.size());
+  estimate.pair_is_inlier.resize(num_pairs);
   for (const Sensor& sensor : scene.sensors) {
     estimate.sensor_from_rig.emplace_back();
     result.summary.sensors.emplace_back();
@@ -56,23 +59,21 @@ RotationResult NothingToAverage(const Scene& scene, const ViewGraph& view_graph,
     estimate.sensor_from_rig.back() =
         ToUnitQuaternion(sensor.sensor_from_rig->rotation);
   }
-  result.summary.num_pairs_without_rotation =
-      static_cast<int>(view_graph.pairs.size());
+  result.summary.num_pairs_without_rotation = static_cast<int>(num_pairs);
   return result;
 }
 
 // Rotations by the pairs of a skeletal graph alone. They are only a start, so
 // their warnings and progress would mislead.
-RotationEstimate AverageSkeleton(const Scene& scene,
-                                 const ViewGraph& view_graph,
+RotationEstimate AverageSkeleton(const RotationInput& input,
                                  const Mask& is_in_skeleton,
                                  const RotationAveragingOptions& options,
                                  const Context& context) {
   Context quiet = context;
   quiet.log = nullptr;
   quiet.progress = nullptr;
-  return AverageRotations(scene, view_graph, is_in_skeleton, nullptr, options,
-                          quiet)
+  return AverageRotations({input.scene, input.view_graph, is_in_skeleton},
+                          options, quiet)
       .estimate;
 }
 
@@ -123,27 +124,29 @@ struct AveragedRotations {
 };
 
 // Gravity priors that contradict the pairs are ignored.
-AveragedRotations AverageWithGravity(
-    const Scene& scene, const ViewGraph& view_graph, const Mask& is_used,
-    const RotationEstimate* start, const GravityPriors& gravity,
-    const RotationAveragingOptions& options, const Context& context) {
+AveragedRotations AverageWithGravity(const RotationInput& input,
+                                     const Mask& is_used,
+                                     const RotationEstimate* start,
+                                     const RotationAveragingOptions& options,
+                                     const Context& context) {
   // Gravity with noise of 5 degrees and 30 % of outliers keeps all pairs;
   // constant wrong gravity keeps 85 % (docs/results/constants.md).
   constexpr double kMinKeptShare = 0.95;
-  const auto average = [&](const GravityPriors& priors) {
-    return AverageRotations(scene, view_graph, is_used, start, options, context,
-                            priors);
+  const auto average = [&](const GravityPriors& gravity) {
+    return AverageRotations(
+        {input.scene, input.view_graph, is_used, start, gravity}, options,
+        context);
   };
   const auto num_kept = [](const RotationResult& result) {
     return static_cast<double>(result.estimate.pair_is_inlier.Count());
   };
-  AveragedRotations averaged{average(gravity), std::nullopt};
-  if (gravity.IsEmpty() ||
+  AveragedRotations averaged{average(input.gravity), std::nullopt};
+  if (input.gravity.IsEmpty() ||
       num_kept(averaged.result) >=
           kMinKeptShare * static_cast<double>(is_used.Count())) {
     return averaged;
   }
-  RotationResult without = average({});
+  RotationResult without = average(kNoGravity);
   if (num_kept(averaged.result) >= kMinKeptShare * num_kept(without)) {
     return averaged;
   }
@@ -163,23 +166,21 @@ struct SkeletonResult {
   Mask is_beyond_drift_bound;
 };
 
-SkeletonResult FilterBySkeleton(const Scene& scene, const FramePairIndex& index,
-                                const ViewGraph& view_graph,
-                                const Mask& is_used,
-                                const RotationAveragingOptions& options,
-                                const PairFilteringOptions& filtering,
+SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
+                                const RotationOptions& options,
                                 const Context& context) {
+  const PairFilteringOptions& filtering = options.filtering;
   SkeletonResult result{std::nullopt, Mask(is_used.size(), false),
                         Mask(is_used.size(), false)};
   if (!filtering.use_skeletal_graph) return result;
-  result.is_in_skeleton = SelectSkeletalGraph(index, view_graph, is_used,
-                                              filtering, context.num_threads);
-  result.start = AverageSkeleton(scene, view_graph, result.is_in_skeleton,
-                                 options, context);
+  result.is_in_skeleton = SelectSkeletalGraph(
+      input.index, input.view_graph, is_used, filtering, context.num_threads);
+  result.start =
+      AverageSkeleton(input, result.is_in_skeleton, options.averaging, context);
   if (filtering.use_rotation_consistency) {
     result.is_beyond_drift_bound = FindInconsistentRotations(
-        scene, index, view_graph, is_used, result.is_in_skeleton, *result.start,
-        filtering);
+        input.scene, input.index, input.view_graph, is_used,
+        result.is_in_skeleton, *result.start, filtering);
   }
   return result;
 }
@@ -189,24 +190,29 @@ SkeletonResult FilterBySkeleton(const Scene& scene, const FramePairIndex& index,
 // loops across the turned steps judge these loops. Their drift bound is
 // tightened until none of them crosses a turned step. Updates the pairs that
 // are used.
-AveragedRotations AverageWithoutTurningLoops(
-    const Scene& scene, const FramePairIndex& index,
-    const ViewGraph& view_graph, const Mask& is_in_skeleton,
-    const PairFilteringOptions& filtering,
-    const std::function<AveragedRotations(const Mask&)>& average,
-    Mask* is_used) {
+AveragedRotations AverageWithoutTurningLoops(const RotationInput& input,
+                                             const SkeletonResult& skeleton,
+                                             const RotationOptions& options,
+                                             const Context& context,
+                                             Mask* is_used) {
   // The last bound leaves only revisits across a turned step.
   constexpr double kSharesOfBound[] = {1.0, 0.5, 0.25, 0.0};
+  const PairFilteringOptions& filtering = options.filtering;
+  const FramePairIndex& index = input.index;
+  const auto average = [&](const Mask& is_averaged) {
+    return AverageWithGravity(input, is_averaged,
+                              skeleton.start ? &*skeleton.start : nullptr,
+                              options.averaging, context);
+  };
   AveragedRotations averaged = average(*is_used);
   if (!filtering.use_skeletal_graph || !filtering.use_rotation_consistency) {
     return averaged;
   }
   const Mask is_revisit = FindRevisits(index, *is_used);
   const auto find_loops = [&] {
-    Mask is_across =
-        FindLoopsAcross(index, *is_used,
-                        FindTurnedSteps(scene, index, view_graph, *is_used,
-                                        averaged.result.estimate));
+    const Mask turned = FindTurnedSteps(input.scene, index, input.view_graph,
+                                        *is_used, averaged.result.estimate);
+    Mask is_across = FindLoopsAcross(index, *is_used, turned);
     is_across.Remove(is_revisit);
     return is_across;
   };
@@ -225,7 +231,7 @@ AveragedRotations AverageWithoutTurningLoops(
     bound.rotation_drift_in_sigmas =
         share * *filtering.rotation_drift_in_sigmas;
     const Mask is_inconsistent = FindInconsistentRotations(
-        scene, index, view_graph, *is_used, is_in_skeleton,
+        input.scene, index, input.view_graph, *is_used, skeleton.is_in_skeleton,
         without.result.estimate, bound);
     is_rejected.Remove(Not(is_inconsistent));
     if (!is_rejected.Any()) continue;
@@ -235,83 +241,67 @@ AveragedRotations AverageWithoutTurningLoops(
   return averaged;
 }
 
-Mask FindBridges(const Scene& scene, const FramePairIndex& index,
-                 const ViewGraph& view_graph, const Mask& pair_is_inlier,
+Mask FindBridges(const RotationInput& input, const Mask& pair_is_inlier,
                  const PairFilteringOptions& filtering,
                  const Context& context) {
   if (!filtering.use_unsupported_bridges) {
     return Mask(pair_is_inlier.size(), false);
   }
-  Mask is_bridge = FindUnsupportedBridges(index, view_graph, pair_is_inlier,
-                                          filtering, context.num_threads);
-  LogBridges(scene, view_graph, is_bridge, context);
+  Mask is_bridge =
+      FindUnsupportedBridges(input.index, input.view_graph, pair_is_inlier,
+                             filtering, context.num_threads);
+  LogBridges(input.scene, input.view_graph, is_bridge, context);
   return is_bridge;
 }
 
 // Rejects the pairs that contradict the motion of the rig, if it is known, and
 // the loop pairs that would join parts by themselves.
-void RejectByMotion(const FramePairIndex& index,
-                    const Mask& pair_is_discontinuous,
-                    const Mask& loop_contradicts_path, Mask* is_used,
+void RejectByMotion(const RotationInput& input, Mask* is_used,
                     PairVerdicts* verdicts) {
-  if (pair_is_discontinuous.empty()) return;
-  is_used->Remove(pair_is_discontinuous);
-  Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
+  if (input.pair_is_discontinuous.empty()) return;
+  is_used->Remove(input.pair_is_discontinuous);
+  Reject(input.pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
          verdicts);
   const Mask is_loop_across = FindLoopsAcrossContestedCuts(
-      index, *is_used, pair_is_discontinuous, loop_contradicts_path);
+      input.index, *is_used, input.pair_is_discontinuous,
+      input.loop_contradicts_path);
   is_used->Remove(is_loop_across);
   Reject(is_loop_across, RejectionReason::kUnsupportedBridge, verdicts);
 }
 
 }  // namespace
 
-EstimatedRotations EstimateRotations(
-    const Scene& scene, const FramePairIndex& index,
-    const ViewGraph& view_graph, const GravityPriors& gravity,
-    const RotationAveragingOptions& options,
-    const PairFilteringOptions& filtering, const Context& context,
-    const Mask& pair_is_discontinuous, const Mask& loop_contradicts_path) {
+EstimatedRotations EstimateRotations(const RotationInput& input,
+                                     const RotationOptions& options,
+                                     const Context& context) {
+  const Scene& scene = input.scene;
+  const ViewGraph& view_graph = input.view_graph;
   EstimatedRotations result;
   result.verdicts.resize(view_graph.pairs.size());
   Mask is_used = PairsWithRelativePose(view_graph);
   Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
-  RejectByMotion(index, pair_is_discontinuous, loop_contradicts_path, &is_used,
-                 &result.verdicts);
-  RotationResult averaged;
+  RejectByMotion(input, &is_used, &result.verdicts);
   if (!is_used.Any()) {
-    averaged = NothingToAverage(scene, view_graph, context);
-    result.estimate = std::move(averaged.estimate);
-    result.summary = std::move(averaged.summary);
-    return result;
+    return NothingToAverage(input, std::move(result.verdicts), context);
   }
-  const SkeletonResult skeleton = FilterBySkeleton(
-      scene, index, view_graph, is_used, options, filtering, context);
+  const SkeletonResult skeleton =
+      FilterBySkeleton(input, is_used, options, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);
-  const Mask within_drift_bound = is_used;
-  AveragedRotations with_gravity = AverageWithoutTurningLoops(
-      scene, index, view_graph, skeleton.is_in_skeleton, filtering,
-      [&](const Mask& is_averaged) {
-        return AverageWithGravity(scene, view_graph, is_averaged,
-                                  skeleton.start ? &*skeleton.start : nullptr,
-                                  gravity, options, context);
-      },
-      &is_used);
-  Mask turns_steps = within_drift_bound;
+  Mask turns_steps = is_used;
+  AveragedRotations averaged =
+      AverageWithoutTurningLoops(input, skeleton, options, context, &is_used);
   turns_steps.Remove(is_used);
-  averaged = std::move(with_gravity.result);
-  result.gravity_rejection = std::move(with_gravity.gravity_rejection);
-  const GravityPriors used_gravity =
-      result.gravity_rejection ? GravityPriors() : gravity;
-  Mask is_kept = averaged.estimate.pair_is_inlier;
+  result.gravity_rejection = std::move(averaged.gravity_rejection);
+  Mask is_kept = averaged.result.estimate.pair_is_inlier;
   const Mask is_bridge =
-      FindBridges(scene, index, view_graph, is_kept, filtering, context);
+      FindBridges(input, is_kept, options.filtering, context);
   is_kept.Remove(is_bridge);
-  result.estimate =
-      RestrictToPairs(scene, view_graph, is_kept, std::move(averaged.estimate));
-  result.summary = std::move(averaged.summary);
-  SummarizeEstimate(scene, view_graph, result.estimate, used_gravity, options,
-                    &result.summary);
+  result.estimate = RestrictToPairs(scene, view_graph, is_kept,
+                                    std::move(averaged.result.estimate));
+  result.summary = std::move(averaged.result.summary);
+  SummarizeEstimate(scene, view_graph, result.estimate,
+                    result.gravity_rejection ? kNoGravity : input.gravity,
+                    options.averaging, &result.summary);
   result.summary.num_unsupported_bridges = static_cast<int>(is_bridge.Count());
 
   Reject(PairsWithUnknownSensor(scene, view_graph, result.estimate),
@@ -322,7 +312,7 @@ EstimatedRotations EstimateRotations(
            &result.verdicts);
   }
   Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
-  RejectByEstimate(index, result.estimate, &result.verdicts);
+  RejectByEstimate(input.index, result.estimate, &result.verdicts);
   return result;
 }
 

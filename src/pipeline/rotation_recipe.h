@@ -5,6 +5,7 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"
@@ -14,6 +15,21 @@
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
+
+struct RotationInput {
+  const Scene& scene;
+  const ViewGraph& view_graph;
+  const FramePairIndex& index;  // of the view graph
+  const GravityPriors& gravity = kNoGravity;
+  // Per pair; empty: none.
+  Mask pair_is_discontinuous = {};
+  Mask loop_contradicts_path = {};
+};
+
+struct RotationOptions {
+  const RotationAveragingOptions& averaging;
+  const PairFilteringOptions& filtering;
+};
 
 struct EstimatedRotations {
   RotationEstimate estimate;
@@ -36,14 +52,9 @@ struct EstimatedRotations {
 // would disconnect the frames. Without any relative
 // pose the estimate contains nothing but known sensors, and a warning says so.
 // Pairs that contradict the motion of the rig (motion_recipe.h) are rejected
-// first, and loop pairs that contradict it do not join parts; empty masks stand
-// for none.
+// first, and loop pairs that contradict it do not join parts.
 [[nodiscard]] EstimatedRotations EstimateRotations(
-    const Scene& scene, const FramePairIndex& index,
-    const ViewGraph& view_graph, const GravityPriors& gravity,
-    const RotationAveragingOptions& options,
-    const PairFilteringOptions& filtering, const Context& context,
-    const Mask& pair_is_discontinuous = {},
-    const Mask& loop_contradicts_path = {});
+    const RotationInput& input, const RotationOptions& options,
+    const Context& context);
 
 }  // namespace mgsfm

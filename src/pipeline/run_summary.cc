@@ -9,6 +9,7 @@
 #include "base/format.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
+#include "pipeline/covariance_report.h"
 #include "scene/observations.h"
 
 namespace mgsfm {
@@ -23,13 +24,33 @@ std::string Count(size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
+// How exactly the known lengths of the rig determine the unit. Positions,
+// which add to that, are not judged.
+std::string MetricWithin(const MapperModel& model) {
+  const bool has_positions =
+      model.position_priors && model.position_priors->is_registered;
+  if (has_positions || !model.delays || !model.delays->unit) return "metric";
+  const UnitError& unit = *model.delays->unit;
+  std::string text = Formatted("metric within %.2g %%",
+                               100.0 * std::expm1(unit.RelativeSigma()));
+  if (unit.is_certain) {
+    text += Formatted(" (the residuals suggest lengths %.3f times as long)",
+                      std::exp(unit.log_factor));
+  }
+  return text;
+}
+
 std::string UnitOfLength(const MapperResult& result, const MapperModel& model) {
   // Registration to positions keeps the unit of a known rig.
-  if (model.translation.is_metric) return "metric, that of the known rig";
+  if (model.translation.is_metric) {
+    return MetricWithin(model) + ", that of the known rig";
+  }
   if (model.position_priors && model.position_priors->is_registered) {
     return "metric, that of the measured positions";
   }
-  if (model.metres_per_unit) return "metric, by the known baseline";
+  if (model.metres_per_unit) {
+    return MetricWithin(model) + ", by the known baseline";
+  }
   if (model.extension) return "that of the extended model";
   for (size_t m = 0; model.has_shared_unit && m < result.models.size(); ++m) {
     const MapperModel& first = result.models[m];
@@ -106,9 +127,12 @@ std::vector<SensorAccuracy> Accuracies(const Scene& scene,
     const auto& covariance = model.covariances->sensors[k];
     if (!covariance || !IsCalibrated(scene, model.reconstruction, k)) continue;
     const auto variances = covariance->diagonal();
-    accuracies.push_back({scene.sensors[k].name,
-                          RadToDeg(std::sqrt(variances.head<3>().maxCoeff())),
-                          std::sqrt(variances.tail<3>().maxCoeff())});
+    accuracies.push_back(
+        {scene.sensors[k].name,
+         RadToDeg(std::sqrt(variances.head<3>().maxCoeff())),
+         std::sqrt(variances.tail<3>().maxCoeff()),
+         IsPlaceDetermined(model.reconstruction, *model.covariances,
+                           static_cast<int>(k))});
   }
   return accuracies;
 }
@@ -202,8 +226,10 @@ std::string DescribeRig(const ModelSummary& model) {
   }
   for (const SensorAccuracy& sensor : model.accuracies) {
     line += ", '" + sensor.name + "' within " +
-            Formatted("%.2g", sensor.sigma_rotation_deg) + " deg and " +
-            Formatted("%.2g", sensor.sigma_translation);
+            Formatted("%.2g", sensor.sigma_rotation_deg) + " deg" +
+            (sensor.place_is_determined
+                 ? " and " + Formatted("%.2g", sensor.sigma_translation)
+                 : ", its place not determined");
   }
   return line + " (one standard deviation)";
 }
@@ -230,10 +256,12 @@ RunSummary SummarizeRun(const Scene& scene, const MapperResult& result) {
   for (const UnregisteredFrame& frame : result.unregistered_frames) {
     ++num_frames[frame.reason];
   }
-  summary.missing_frames.assign(num_frames.begin(), num_frames.end());
+  for (const auto& [reason, number] : num_frames) {
+    summary.missing_frames.push_back({number, reason});
+  }
   std::stable_sort(
       summary.missing_frames.begin(), summary.missing_frames.end(),
-      [](const auto& a, const auto& b) { return a.second > b.second; });
+      [](const auto& a, const auto& b) { return a.num_frames > b.num_frames; });
   for (const MapperModel& model : result.models) {
     summary.models.push_back(SummarizeModel(scene, result, model));
   }
@@ -247,7 +275,7 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
       Count(summary.models.size(), "model", "models")};
   for (size_t i = 0; i < summary.missing_frames.size() && i < kMaxNumReasons;
        ++i) {
-    const auto& [reason, count] = summary.missing_frames[i];
+    const auto& [count, reason] = summary.missing_frames[i];
     lines.push_back("missing: " + Count(count, "frame", "frames") + ", " +
                     reason);
   }

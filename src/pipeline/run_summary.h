@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/fields.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/scene.h"
 
@@ -20,6 +21,13 @@ struct SensorAccuracy {
   // Largest standard deviations about and along the axes of the camera.
   double sigma_rotation_deg = 0.0;
   double sigma_translation = 0.0;
+  bool place_is_determined = true;  // see IsPlaceDetermined
+
+  auto Fields() const {
+    return Named("name", name, "sigma_rotation_deg", sigma_rotation_deg,
+                 "sigma_translation", sigma_translation, "place_is_determined",
+                 place_is_determined);
+  }
 };
 
 // The lens of a camera of a model. Its focal length is the first of two.
@@ -35,6 +43,13 @@ struct LensValue {
 
   bool IsGuess() const {
     return source != LensSource::kGiven && source != LensSource::kAdjustment;
+  }
+
+  auto Fields() const {
+    return Named("camera_id", As<Item::kCameraId>(camera_idx), "model", model,
+                 "prior_px", prior_px, "focal_length_px", focal_length_px,
+                 "relative_sigma", relative_sigma, "source", source, "message",
+                 message);
   }
 };
 
@@ -56,14 +71,36 @@ struct ModelSummary {
   size_t min_num_sensor_observations = 0;
   // One per calibrated sensor, if covariances were computed.
   std::vector<SensorAccuracy> accuracies;
+
+  auto Fields() const {
+    return Named("num_frames", num_frames, "num_images", num_images,
+                 "num_points", num_points, "mean_reprojection_error_px",
+                 mean_reprojection_error_px, "kept_share", kept_share,
+                 "unit_of_length", unit_of_length, "rig_accuracy", accuracies);
+  }
+};
+
+struct MissingFrames {
+  size_t num_frames = 0;
+  std::string reason;
+
+  auto Fields() const {
+    return Named("num_frames", num_frames, "reason", reason);
+  }
 };
 
 struct RunSummary {
   size_t num_images = 0;
   size_t num_registered_images = 0;
-  // Reasons of frames that are in no model, with their numbers; most first.
-  std::vector<std::pair<std::string, size_t>> missing_frames;
+  // Frames that are in no model, by reason; most first.
+  std::vector<MissingFrames> missing_frames;
   std::vector<ModelSummary> models;
+
+  auto Fields() const {
+    return Named("num_images", num_images, "num_registered_images",
+                 num_registered_images, "missing_frames", missing_frames,
+                 "models", models);
+  }
 };
 
 // Images that at least one model has.

@@ -9,6 +9,8 @@
 #include "base/format.h"
 #include "geometry/so3.h"
 #include "health/rig_samples.h"
+#include "pipeline/candidates.h"
+#include "pipeline/stage.h"
 
 namespace mgsfm {
 namespace {
@@ -49,14 +51,19 @@ FrameTimes TimesOfFrames(const Scene& scene) {
   return times;
 }
 
-bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
-                            const CandidateSource& candidates,
+void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
                             const MapperOptions& options,
-                            const BundlePriors& priors, const Context& context,
-                            MapperModel* model) {
+                            const Context& context, MapperModel* model) {
+  const Scene& scene = input.scene;
+  const RunningStage stage("soft rig", context);
+  const Scene separate = SeparateImages(scene);
+  priors.calibration.sensors.clear();  // each image is a sensor
   SoftRigResult result = EstimateSoftRig(
-      scene, separate, candidates, model->reconstruction, options.soft_rig,
-      options.bundle_adjustment, context, priors);
+      {scene, separate,
+       MakeCandidateSource(separate, input.view_graph, input.matches,
+                           input.pair_is_used, options, context),
+       model->reconstruction, priors},
+      options.soft_rig, options.bundle_adjustment, context);
   const SoftRigSummary& summary = result.images.summary;
   for (const SoftRigSensor& sensor : summary.sensors) {
     LogSensor(scene, sensor, context);
@@ -68,10 +75,9 @@ bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
         "the deviations of images from their rig have not converged; increase "
         "SoftRig.max_num_rounds");
   }
-  const bool is_usable = summary.is_usable;
   model->reconstruction = std::move(result.estimate);
   model->soft_rig_images = std::move(result.images);
-  return is_usable;
+  stage.Finish(&model->times);
 }
 
 }  // namespace mgsfm

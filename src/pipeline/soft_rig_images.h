@@ -5,6 +5,7 @@
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/scene.h"
+#include "pipeline/model_adjustment.h"
 #include "soft_rig/rig_delays.h"
 
 namespace mgsfm {
@@ -13,11 +14,9 @@ namespace mgsfm {
 FrameTimes TimesOfFrames(const Scene& scene);
 
 // Estimates individual poses for the images of an adjusted model, and logs how
-// far the cameras deviate from a rigid rig. Returns whether it succeeded.
-bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
-                            const CandidateSource& candidates,
+// far the cameras deviate from a rigid rig.
+void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
                             const MapperOptions& options,
-                            const BundlePriors& priors, const Context& context,
-                            MapperModel* model);
+                            const Context& context, MapperModel* model);
 
 }  // namespace mgsfm

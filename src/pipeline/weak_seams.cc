@@ -12,6 +12,8 @@
 #include "bundle/relative_covariance.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
+#include "pipeline/motion_jumps.h"
+#include "pipeline/side_alignment.h"
 
 namespace mgsfm {
 namespace {
@@ -97,6 +99,40 @@ Mask PairsOfSegment(const AdjustmentInput& input,
   return pair_is_used;
 }
 
+std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
+                                      const MapperOptions& options,
+                                      const Context& context,
+                                      const std::vector<Seam>& seams,
+                                      const ConfidenceFunction& confidence_of,
+                                      const MapperModel& model) {
+  const Scene& scene = input.scene;
+  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
+  std::vector<std::pair<int, int>> segments =
+      CountFrames(model, segment_of_frame);
+  std::stable_sort(
+      segments.begin(), segments.end(),
+      [](const auto& a, const auto& b) { return a.second > b.second; });
+  std::vector<MapperModel> parts;
+  for (const auto& [segment, num_frames] : segments) {
+    MapperModel part = model;
+    part.reconstruction = KeepSegment(scene, segment_of_frame, segment,
+                                      std::move(part.reconstruction));
+    if (!IsLargeEnough(part, options)) continue;
+    if (input.calibration && !parts.empty()) {
+      input.calibration->Learn(parts.back(), input.positions,
+                               options.bundle_adjustment, context);
+    }
+    AdjustmentInput of_part = input;
+    of_part.pair_is_used = PairsOfSegment(input, segment_of_frame, segment);
+    Reconstruction initial = std::move(part.reconstruction);
+    AdjustModel(of_part, options, context, std::move(initial), &part);
+    if (!IsLargeEnough(part, options)) continue;
+    part.confidence = confidence_of(of_part.pair_is_used, part);
+    parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
 }  // namespace
 
 Confidence EstimateModelConfidence(const ConfidenceInput& input,
@@ -170,38 +206,29 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
   return 2 * num_left < num_registered ? unconnected : wrong;
 }
 
-std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
-                                      const MapperOptions& options,
-                                      const Context& context,
-                                      const std::vector<Seam>& seams,
-                                      const ConfidenceFunction& confidence_of,
-                                      const MapperModel& model) {
-  const Scene& scene = input.scene;
-  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
-  std::vector<std::pair<int, int>> segments =
-      CountFrames(model, segment_of_frame);
-  std::stable_sort(
-      segments.begin(), segments.end(),
-      [](const auto& a, const auto& b) { return a.second > b.second; });
-  std::vector<MapperModel> parts;
-  for (const auto& [segment, num_frames] : segments) {
-    MapperModel part = model;
-    part.reconstruction = KeepSegment(scene, segment_of_frame, segment,
-                                      std::move(part.reconstruction));
-    if (!IsLargeEnough(part, options)) continue;
-    if (input.calibration && !parts.empty()) {
-      input.calibration->Learn(parts.back(), input.positions,
-                               options.bundle_adjustment, context);
-    }
-    AdjustmentInput of_part = input;
-    of_part.pair_is_used = PairsOfSegment(input, segment_of_frame, segment);
-    Reconstruction initial = std::move(part.reconstruction);
-    AdjustModel(of_part, options, context, std::move(initial), &part);
-    if (!IsLargeEnough(part, options)) continue;
-    part.confidence = confidence_of(of_part.pair_is_used, part);
-    parts.push_back(std::move(part));
-  }
-  return parts;
+std::vector<MapperModel> TestSeams(
+    const FramePairIndex& index,
+    const std::vector<std::optional<Rigid3>>& pair_on_path,
+    const MapperOptions& options, const Context& context, AdjustmentInput input,
+    MapperModel model) {
+  const auto confidence_of = [&](const Mask& pair_is_used,
+                                 const MapperModel& adjusted) {
+    const Reconstruction& reconstruction = adjusted.reconstruction;
+    const ComparedMotions motions = CompareMotions(
+        input.scene, index, input.view_graph, pair_on_path, reconstruction);
+    return EstimateModelConfidence(
+        {input.scene, index, input.view_graph, pair_is_used,
+         adjusted.rejected_groups, reconstruction, motions.jumps,
+         motions.confirmed},
+        options, context);
+  };
+  model.confidence = confidence_of(input.pair_is_used, model);
+  RealignSides(index, options, context, confidence_of, &input, &model);
+  const std::vector<Seam> seams = SeamsToSplit(input.scene, model, options);
+  if (seams.empty()) return {std::move(model)};
+  context.Info("the model is split at " + std::to_string(seams.size()) +
+               " of its weak seams");
+  return SplitAtSeams(input, options, context, seams, confidence_of, model);
 }
 
 bool IsLargeEnough(const MapperModel& model, const MapperOptions& options) {

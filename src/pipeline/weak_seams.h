@@ -37,16 +37,18 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
 using ConfidenceFunction =
     std::function<Confidence(const Mask& pair_is_used, const MapperModel&)>;
 
-// One model for each set of frames that none of `seams` separates. Each is
-// adjusted again, the largest first, without the pairs that cross a seam, and
-// keeps the summaries of the stages before. Sets of fewer than min_num_frames
-// frames, and those that points alone do not hold together, are omitted.
-std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
-                                      const MapperOptions& options,
-                                      const Context& context,
-                                      const std::vector<Seam>& seams,
-                                      const ConfidenceFunction& confidence_of,
-                                      const MapperModel& model);
+// Finds the weak seams of an adjusted model, moves sides to where more matches
+// agree (side_alignment.h), and splits the model at the seams that the options
+// select: one model for each set of frames that none of these separates. Each
+// is adjusted again, the largest first, without the pairs that cross a seam,
+// and keeps the summaries of the stages before. Sets of fewer than
+// min_num_frames frames, and those that points alone do not hold together, are
+// omitted. `pair_on_path` has the motion of the rig by motion_recipe.h.
+[[nodiscard]] std::vector<MapperModel> TestSeams(
+    const FramePairIndex& index,
+    const std::vector<std::optional<Rigid3>>& pair_on_path,
+    const MapperOptions& options, const Context& context, AdjustmentInput input,
+    MapperModel model);
 
 // Whether a model has points and at least min_num_frames registered frames.
 bool IsLargeEnough(const MapperModel& model, const MapperOptions& options);

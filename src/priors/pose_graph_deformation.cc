@@ -385,20 +385,20 @@ bool ScaleDrifts(const Reconstruction& model, bool is_metric) {
 
 }  // namespace
 
-std::optional<ModelDeformation> DeformToPriors(
-    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
-    const PositionPriors& priors, bool is_metric, const Context& context,
-    PositionPriors* used, Reconstruction* reconstruction) {
+std::optional<ModelDeformation> DeformToPriors(const DeformationInput& input,
+                                               const Context& context,
+                                               PositionPriors* used,
+                                               Reconstruction* reconstruction) {
   PoseGraph graph;
-  AddNodes(scene, *reconstruction, &graph);
-  AddEdges(scene, view_graph, pair_is_used, &graph);
-  AddPositions(scene, priors, *reconstruction, &graph);
-  if (!Deform(ScaleDrifts(*reconstruction, is_metric), context, &graph)) {
+  AddNodes(input.scene, *reconstruction, &graph);
+  AddEdges(input.scene, input.view_graph, input.pair_is_used, &graph);
+  AddPositions(input.scene, input.priors, *reconstruction, &graph);
+  if (!Deform(ScaleDrifts(*reconstruction, input.is_metric), context, &graph)) {
     return std::nullopt;
   }
-  WriteBack(graph, scene, reconstruction);
+  WriteBack(graph, input.scene, reconstruction);
   for (const int image_idx : ListInliers(graph)) {
-    used->images[image_idx] = priors.images[image_idx];
+    used->images[image_idx] = input.priors.images[image_idx];
   }
   return Summarize(graph);
 }

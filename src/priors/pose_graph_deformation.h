@@ -50,9 +50,16 @@ namespace mgsfm {
 // Points move by the mean over the frames that observe them. The positions that
 // are within max(4, 3 medians) in the end are added to `used`. Returns nullopt,
 // and changes nothing, if no deformation is needed or none improves the model.
-std::optional<ModelDeformation> DeformToPriors(
-    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
-    const PositionPriors& priors, bool is_metric, const Context& context,
-    PositionPriors* used, Reconstruction* reconstruction);
+struct DeformationInput {
+  const Scene& scene;
+  const ViewGraph& view_graph;
+  const Mask& pair_is_used;
+  const PositionPriors& priors;
+  bool is_metric = false;
+};
+std::optional<ModelDeformation> DeformToPriors(const DeformationInput& input,
+                                               const Context& context,
+                                               PositionPriors* used,
+                                               Reconstruction* reconstruction);
 
 }  // namespace mgsfm

@@ -280,10 +280,8 @@ double OutlierBound(double median_distance) {
 
 PositionRegistration RegisterToPriors(const Scene& scene,
                                       const PositionPriors& priors,
-                                      const std::optional<Vector3d>& up,
-                                      bool is_metric, uint64_t random_seed,
-                                      Reconstruction* reconstruction,
-                                      OutlierRule outlier_rule) {
+                                      const RegistrationOptions& options,
+                                      Reconstruction* reconstruction) {
   PositionRegistration result;
   PositionPriorSummary& summary = result.summary;
   std::vector<Sample> samples = CollectSamples(scene, priors, *reconstruction);
@@ -301,13 +299,14 @@ PositionRegistration RegisterToPriors(const Scene& scene,
     return result;
   }
   const bool is_on_earth = priors.origin_wgs84.has_value();
-  const FitProblem problem{std::move(samples), outlier_rule, !is_metric,
-                           UprightTerm(*reconstruction, is_on_earth, up)};
-  const RobustFit fit = FitRobustly(problem, random_seed);
+  const FitProblem problem{
+      std::move(samples), options.outlier_rule, !options.is_metric,
+      UprightTerm(*reconstruction, is_on_earth, options.up)};
+  const RobustFit fit = FitRobustly(problem, options.random_seed);
   TransformWorld(fit.world_from_model, reconstruction);
   summary.is_registered = true;
   if (RotationSigma(problem.samples, fit) > kMaxRotationSigmaRad) {
-    summary.message = DescribeRotation(is_on_earth, up.has_value());
+    summary.message = DescribeRotation(is_on_earth, options.up.has_value());
   }
   result.used.images.resize(scene.images.size());
   for (size_t i = 0; i < problem.samples.size(); ++i) {

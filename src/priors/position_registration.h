@@ -46,11 +46,16 @@ struct PositionRegistration {
   PositionPriorSummary summary;
   PositionPriors used;  // empty if the model is unchanged
 };
-PositionRegistration RegisterToPriors(
-    const Scene& scene, const PositionPriors& priors,
-    const std::optional<Eigen::Vector3d>& up, bool is_metric,
-    uint64_t random_seed, Reconstruction* reconstruction,
-    OutlierRule outlier_rule = OutlierRule::kLeastMedian);
+struct RegistrationOptions {
+  std::optional<Eigen::Vector3d> up = std::nullopt;  // in the model
+  bool is_metric = false;
+  uint64_t random_seed = 0;
+  OutlierRule outlier_rule = OutlierRule::kLeastMedian;
+};
+PositionRegistration RegisterToPriors(const Scene& scene,
+                                      const PositionPriors& priors,
+                                      const RegistrationOptions& options,
+                                      Reconstruction* reconstruction);
 
 // The distance in standard deviations beyond which positions are outliers, from
 // the median of all distances.

@@ -25,12 +25,7 @@ namespace {
 using Eigen::Quaterniond;
 
 // The arguments of AverageRotations().
-struct Input {
-  const Scene& scene;
-  const ViewGraph& view_graph;
-  const Mask& pair_is_used;
-  const RotationEstimate* start;  // null: none
-  const GravityPriors& gravity;
+struct Input : RotationAveragingInput {
   const RotationAveragingOptions& options;
   const Context& context;
 
@@ -246,14 +241,10 @@ RotationEstimate MakeEstimate(const Input& input, SensorFromRig sensor_from_rig,
 
 }  // namespace
 
-RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
-                                const Mask& pair_is_used,
-                                const RotationEstimate* start,
+RotationResult AverageRotations(const RotationAveragingInput& measured,
                                 const RotationAveragingOptions& options,
-                                const Context& context,
-                                const GravityPriors& gravity) {
-  const Input input{scene,   view_graph, pair_is_used, start,
-                    gravity, options,    context};
+                                const Context& context) {
+  const Input input{measured, options, context};
   CheckInput(input);
   constexpr int kNumSteps = 4;  // the reports below
   const auto report = [&](int num_done) {
@@ -266,12 +257,13 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
   SensorRotations sensors = EstimateSensors(input, images);
   summary.sensors = std::move(sensors.summaries);
   report(2);
-  const PairProblem pairs = BuildFrameProblem(scene, view_graph, pair_is_used,
-                                              sensors.sensor_from_rig, options);
+  const PairProblem pairs =
+      BuildFrameProblem(input.scene, input.view_graph, input.pair_is_used,
+                        sensors.sensor_from_rig, options);
   RotationState state = MakeState(sensors.sensor_from_rig);
   summary.frames = AverageFrames(input, pairs.problem, &state);
   report(3);
-  Mask is_inlier(view_graph.pairs.size(), false);
+  Mask is_inlier(input.view_graph.pairs.size(), false);
   if (summary.frames.IsUsable()) {
     RotationProblem kept = pairs.problem;
     if (!pairs.problem.edges.empty()) {
@@ -283,8 +275,8 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
   }
   result.estimate =
       MakeEstimate(input, std::move(sensors.sensor_from_rig), state, is_inlier);
-  SummarizeEstimate(scene, view_graph, result.estimate, gravity, options,
-                    &summary);
+  SummarizeEstimate(input.scene, input.view_graph, result.estimate,
+                    input.gravity, options, &summary);
   report(kNumSteps);
   return result;
 }

@@ -236,7 +236,7 @@ SolveSummary AverageNodes(const RotationProblem& problem,
   const SolveSummary l1 = AverageL1(problem, options, context, state);
   SolveSummary summary = AverageRobust(problem, options, context, state);
   TextOutput message;
-  message << summary.message << " L1 step: " << TerminationName(l1.termination)
+  message << summary.message << " L1 step: " << EnumName(l1.termination)
           << " after " << l1.num_iterations << " iterations. " << l1.message;
   summary.message = message.str();
   return summary;

@@ -33,9 +33,19 @@ std::string SizeText(double width, double height) {
   return Text(width) + " x " + Text(height) + " px";
 }
 
+bool HasTwoFocalLengths(const Camera& camera) {
+  const CameraModelInfo& info = ModelOf(camera);
+  return info.focal_length_idxs.size() == 2 &&
+         !info.principal_point_idxs.empty();
+}
+
+// Anamorphic lenses compress one axis twice.
+constexpr double kMaxRatioOfFocalLengths = 2.5;
+
 std::optional<std::string> WhyBadFocalLength(const Camera& camera) {
   const double side_px = std::max(camera.width_px, camera.height_px);
-  for (const int i : ModelOf(camera).focal_length_idxs) {
+  const std::vector<int>& idxs = ModelOf(camera).focal_length_idxs;
+  for (const int i : idxs) {
     const double ratio = camera.params[i] / side_px;
     if (ratio >= kMinFocalLengthRatio && ratio <= kMaxFocalLengthRatio) {
       continue;
@@ -44,6 +54,12 @@ std::optional<std::string> WhyBadFocalLength(const Camera& camera) {
            " px, which is " + Text(ratio) + " times the longer side of " +
            SizeText(camera.width_px, camera.height_px);
   }
+  if (HasTwoFocalLengths(camera)) {
+    const double fx = camera.params[idxs[0]], fy = camera.params[idxs[1]];
+    if (std::max(fx / fy, fy / fx) > kMaxRatioOfFocalLengths) {
+      return "has the focal lengths " + Text(fx) + " and " + Text(fy) + " px";
+    }
+  }
   return std::nullopt;
 }
 
@@ -51,6 +67,13 @@ std::optional<std::string> WhyBadPrincipalPoint(const Camera& camera) {
   const std::vector<int>& idxs = ModelOf(camera).principal_point_idxs;
   if (idxs.empty()) return std::nullopt;
   const double x = camera.params[idxs[0]], y = camera.params[idxs[1]];
+  const bool is_fraction =
+      x <= 1.0 && y <= 1.0 && std::min(camera.width_px, camera.height_px) > 2;
+  if (is_fraction && x > 0.0 && y > 0.0) {
+    return "has its principal point (" + Text(x) + ", " + Text(y) +
+           ") in the corner, which is in pixels, not in fractions of " +
+           SizeText(camera.width_px, camera.height_px);
+  }
   if (x >= 0.0 && x <= camera.width_px && y >= 0.0 && y <= camera.height_px) {
     return std::nullopt;
   }
@@ -126,6 +149,28 @@ std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
          SizeText(std::round(width), std::round(height)) + " have";
 }
 
+// Whether fx, cx, fy, cy were given for fx, fy, cx, cy: then the focal lengths
+// agree better, and the principal point is closer to the centre.
+std::optional<std::string> WhyInOtherOrder(const Camera& camera) {
+  constexpr double kMinMismatch = 1.1, kMaxMismatch = 1.05;
+  if (!HasTwoFocalLengths(camera)) return std::nullopt;
+  const std::vector<int>& focal_idxs = ModelOf(camera).focal_length_idxs;
+  const double fx = camera.params[focal_idxs[0]];
+  const double fy = camera.params[focal_idxs[1]];
+  const double cx = camera.params[ModelOf(camera).principal_point_idxs[0]];
+  const double center_x = 0.5 * camera.width_px;
+  const auto mismatch = [fx](double other) {
+    return std::max(fx / other, other / fx);
+  };
+  if (mismatch(fy) < kMinMismatch || mismatch(cx) > kMaxMismatch ||
+      std::abs(fy - center_x) >= std::abs(cx - center_x)) {
+    return std::nullopt;
+  }
+  return "has fx " + Text(fx) + ", fy " + Text(fy) + " and cx " + Text(cx) +
+         " px for " + SizeText(camera.width_px, camera.height_px) +
+         ", as if fx, cx, fy, cy were given in place of fx, fy, cx, cy";
+}
+
 }  // namespace
 
 std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera) {
@@ -139,8 +184,9 @@ std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera) {
   if (share > kMaxShareWithoutRay) {
     return {{DescribeWithoutRay(camera, share), true, false}};
   }
-  if (const auto problem = WhyOfOtherSize(camera)) {
-    return {{*problem, false, true}};
+  for (const auto& problem :
+       {WhyOfOtherSize(camera), WhyInOtherOrder(camera)}) {
+    if (problem) return {{*problem, false, true}};
   }
   if (share == 0.0) return std::nullopt;
   return {{DescribeWithoutRay(camera, share), false, false}};

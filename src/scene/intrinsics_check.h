@@ -14,9 +14,9 @@ struct IntrinsicsProblem {
   std::string text;
   // No lens has these intrinsics.
   bool is_certain = false;
-  // They are probably those of images of another size. Otherwise, they are of
-  // no use in a part of the image.
-  bool is_of_other_size = false;
+  // They are probably those of images of another size, or in another order.
+  // Otherwise, they are of no use in a part of the image.
+  bool is_misread = false;
 };
 
 // All sources of intrinsics are checked with it: options, files, databases,

@@ -63,8 +63,9 @@ void CheckFrames(const Scene& scene) {
   MGSFM_CHECK_EQ(num_images, scene.images.size());
 }
 
-// The rig to split; throws Error unless it has frames before the named one.
-int FindRigToSplit(const Scene& scene, const std::string& frame_name) {
+// The frames of the rig of the named one, from that on; throws Error unless
+// there are frames before it.
+std::vector<int> FramesFrom(const Scene& scene, const std::string& frame_name) {
   const auto found = std::find_if(
       scene.frames.begin(), scene.frames.end(),
       [&](const Frame& frame) { return frame.name == frame_name; });
@@ -73,16 +74,19 @@ int FindRigToSplit(const Scene& scene, const std::string& frame_name) {
                 "' to split a rig at; frames have names such as '" +
                 scene.frames.front().name + "'");
   }
-  const bool has_frames_before = std::any_of(
-      scene.frames.begin(), scene.frames.end(), [&](const Frame& frame) {
-        return frame.rig_idx == found->rig_idx &&
-               IsNaturallyBefore(frame.name, frame_name);
-      });
-  if (!has_frames_before) {
+  std::vector<int> of_rig;
+  for (const int frame_idx : OrderOfFrames(scene)) {
+    if (scene.frames[frame_idx].rig_idx == found->rig_idx) {
+      of_rig.push_back(frame_idx);
+    }
+  }
+  const auto begin =
+      std::find(of_rig.begin(), of_rig.end(), found - scene.frames.begin());
+  if (begin == of_rig.begin()) {
     throw Error("the rig has no frame before '" + frame_name +
                 "' to split it at; name a later frame");
   }
-  return found->rig_idx;
+  return {begin, of_rig.end()};
 }
 
 bool IsSingle(const Scene& scene, const Frame& frame) {
@@ -196,15 +200,13 @@ std::string CameraLabel(const Scene& scene, int camera_idx) {
 }
 
 Scene SplitRig(Scene scene, const std::string& frame_name) {
-  const int old_rig_idx = FindRigToSplit(scene, frame_name);
+  const std::vector<int> frame_idxs = FramesFrom(scene, frame_name);
+  const int old_rig_idx = scene.frames[frame_idxs.front()].rig_idx;
   const int new_rig_idx = static_cast<int>(scene.rigs.size());
   Rig new_rig{UnusedRigId(scene), 0, {}};
   std::map<int, int> new_sensor_idxs;  // by the old ones
-  for (Frame& frame : scene.frames) {
-    if (frame.rig_idx != old_rig_idx ||
-        IsNaturallyBefore(frame.name, frame_name)) {
-      continue;
-    }
+  for (const int frame_idx : frame_idxs) {
+    Frame& frame = scene.frames[frame_idx];
     for (const int image_idx : frame.image_idxs) {
       int& sensor_idx = scene.images[image_idx].sensor_idx;
       const auto [it, is_new] = new_sensor_idxs.emplace(

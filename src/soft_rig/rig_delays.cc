@@ -13,6 +13,8 @@
 #include "geometry/so3.h"
 #include "soft_rig/rig_scores.h"
 #include "soft_rig/rig_trajectory.h"
+#include "soft_rig/score_statistics.h"
+#include "soft_rig/unit_error.h"
 
 namespace mgsfm {
 namespace {
@@ -21,8 +23,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int kColumns = RigScores::kNumColumns;
-// Relative to the diagonal of an information matrix.
-constexpr double kDamping = 1e-9;
 // Blocks of frames: Student's t of nine degrees of freedom.
 constexpr size_t kNumBlocks = 10;
 // Independent normal residuals exceed this in 1 of 16,000 cameras.
@@ -71,32 +71,6 @@ void SetImagePoses(const Scene& scene, DelayedRig* rig) {
   }
 }
 
-// The inverse of an information matrix: huge where there is none.
-MatrixXd Invert(MatrixXd M) {
-  VectorXd scale = M.diagonal();
-  for (double& s : scale) s = s > 0.0 ? 1.0 / std::sqrt(s) : 1.0;
-  M = (scale.asDiagonal() * M * scale.asDiagonal()).eval();
-  M.diagonal().array() += kDamping;
-  return scale.asDiagonal() *
-         M.ldlt().solve(MatrixXd::Identity(M.rows(), M.cols())) *
-         scale.asDiagonal();
-}
-
-// The covariance of the columns: a jackknife that leaves out one block of
-// frames at a time, so that also blocks of great influence count.
-MatrixXd Jackknife(const RigScores& scores) {
-  const auto num_blocks = scores.scores.cols();
-  MatrixXd covariance =
-      MatrixXd::Zero(scores.scores.rows(), scores.scores.rows());
-  for (Eigen::Index b = 0; b < num_blocks; ++b) {
-    const VectorXd change =
-        Invert(scores.information - scores.block_information[b]) *
-        scores.scores.col(b) / scores.efficiency;
-    covariance += change * change.transpose();
-  }
-  return covariance * (num_blocks - 1.0) / num_blocks;
-}
-
 // The same for the poses alone.
 RigScores WithoutDelays(RigScores scores) {
   const auto clear = [](MatrixXd* matrix) {
@@ -122,14 +96,6 @@ double Overdispersion(const MatrixXd& actual, const MatrixXd& independent,
          6.0;
 }
 
-// Whether the two-sided probability of Student's t is below 1 in 10,000, by
-// the approximation of Wallace (1959).
-bool IsCertain(double t, double degrees) {
-  const double z = (8.0 * degrees + 1.0) / (8.0 * degrees + 3.0) *
-                   std::sqrt(degrees * std::log1p(t * t / degrees));
-  return z > 3.891;
-}
-
 void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
   Reconstruction& model = rig->model.rig;
   for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
@@ -150,18 +116,6 @@ void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
         pose.Center() + change.tail<3>());
   }
 }
-VectorXd NewtonStep(const RigScores& scores) {
-  return -Invert(scores.information) *
-         (scores.scores.rowwise().sum() + scores.scores_of_priors) /
-         scores.efficiency;
-}
-
-// The covariance of the columns by that of the sum of all scores.
-MatrixXd CovarianceBy(const MatrixXd& noise, const RigScores& scores) {
-  const MatrixXd inverse = Invert(scores.information) / scores.efficiency;
-  return inverse * noise * inverse;
-}
-
 // Whether independent residuals would show a delay.
 bool MayBeDelayed(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
@@ -190,10 +144,8 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
     CameraDelay camera{scores.sensor_idxs[k]};
     camera.delay = rig.delays[camera.sensor_idx] + step[column];
     camera.sigma = std::sqrt(covariance(column, column));
-    camera.is_certain =
-        has_converged &&
-        IsCertain(camera.delay / camera.sigma,
-                  static_cast<double>(scores.scores.cols()) - 1.0);
+    camera.is_certain = has_converged && IsCertain(camera.delay / camera.sigma,
+                                                   scores.scores.cols());
     camera.overdispersion =
         std::max(1.0, Overdispersion(of_poses, independent, first));
     camera.overdispersion_of_points =
@@ -228,10 +180,19 @@ void Triangulate(const Scene& separate, const CandidateSource& candidates,
       context.num_threads, model);
 }
 
+bool HasKnownLength(const Scene& scene, const RigMeasurements& measured) {
+  return !measured.known_distances.empty() ||
+         std::any_of(scene.sensors.begin(), scene.sensors.end(),
+                     [](const Sensor& sensor) {
+                       return sensor.sensor_from_rig &&
+                              !sensor.sensor_from_rig->translation.isZero(0.0);
+                     });
+}
+
 }  // namespace
 
 std::optional<RigDelays> EstimateRigDelays(
-    const Scene& scene, const FrameTimes& times,
+    const Scene& scene, const RigMeasurements& measured,
     const std::function<CandidateSource(const Scene& separate)>& candidates,
     const Reconstruction& model, const BundleAdjustmentOptions& options,
     const Context& context) {
@@ -244,7 +205,7 @@ std::optional<RigDelays> EstimateRigDelays(
                  {},
                  std::vector<int>(scene.frames.size(), 0),
                  std::vector<double>(scene.sensors.size(), 0.0)};
-  SetMotions(scene, times.times, &rig);
+  SetMotions(scene, measured.times.times, &rig);
   const auto rigid = ComputeRigScores(scene, separate, rig, options, context);
   if (!rigid) return std::nullopt;
   std::optional<RigScores> scores = rigid;
@@ -253,7 +214,7 @@ std::optional<RigDelays> EstimateRigDelays(
     const CandidateSource source = candidates(separate);
     for (int round = 1; round <= kMaxNumRounds && !has_converged; ++round) {
       Step(*scores, NewtonStep(*scores), &rig);
-      SetMotions(scene, times.times, &rig);
+      SetMotions(scene, measured.times.times, &rig);
       SetImagePoses(scene, &rig);
       const int num_left = std::max(0, kNumWideRounds - round);
       Triangulate(separate, source, options, num_left, context,
@@ -264,8 +225,16 @@ std::optional<RigDelays> EstimateRigDelays(
     }
   }
   RigDelays result;
-  result.is_in_seconds = times.are_seconds;
+  result.is_in_seconds = measured.times.are_seconds;
   result.cameras = Describe(*rigid, *scores, rig, has_converged);
+  if (HasKnownLength(scene, measured)) {
+    const auto fixed = ComputeRigScores(scene, separate, rig, options, context,
+                                        RigGauge::kFixedScale);
+    if (fixed) {
+      result.unit = EstimateUnitError(scene, *fixed, rig, model,
+                                      measured.known_distances, options);
+    }
+  }
   for (const PoseVector& motion : rig.motions) {
     result.angular_velocities.emplace_back(motion.head<3>());
   }

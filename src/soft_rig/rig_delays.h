@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -20,6 +21,13 @@ struct FrameTimes {
   bool are_seconds = false;
 };
 
+// What is known beside the images.
+struct RigMeasurements {
+  FrameTimes times;
+  // Pairs of sensors whose known distance defines the unit of length.
+  std::vector<std::pair<int, int>> known_distances;
+};
+
 // Estimates how late the cameras of an adjusted model trigger. The delays, the
 // poses of sensors (known ones with their prior), frames and points minimise
 // the objective of bundle adjustment together. Standard deviations are those of
@@ -29,10 +37,11 @@ struct FrameTimes {
 // The model has lost observations that contradict a rigid rig, so that the
 // points are triangulated again as the delays become known. That is only done
 // if some delay exceeds four standard deviations of independent residuals.
-// `candidates` is called for that. nullopt without rigs of several cameras, or
+// `candidates` is called for that. The unit of length is judged with these
+// delays. nullopt without rigs of several cameras, or
 // if the equations cannot be factorised.
 [[nodiscard]] std::optional<RigDelays> EstimateRigDelays(
-    const Scene& scene, const FrameTimes& times,
+    const Scene& scene, const RigMeasurements& measured,
     const std::function<CandidateSource(const Scene& separate)>& candidates,
     const Reconstruction& model, const BundleAdjustmentOptions& options,
     const Context& context);

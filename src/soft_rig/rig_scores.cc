@@ -39,6 +39,14 @@ struct Linearized {
   Eigen::Matrix<double, 2, 3> point;
   Eigen::Matrix<double, 2, 6> of_frame;
   Eigen::Matrix<double, 2, kColumns> of_sensor;
+  int focal_column = -1;  // of its camera
+  Vector2d of_focal;
+};
+
+struct ScoreColumns {
+  std::vector<int> of_sensor, of_camera;  // the first one; -1: none
+  std::vector<PoseMask> masks;            // per sensor that has columns
+  int count = 0;
 };
 
 // Sums over the points of a part.
@@ -48,21 +56,25 @@ struct Sums {
   double weight = 0.0, squared_weight = 0.0;
 };
 
+Vector2d PrincipalPoint(const Camera& camera) {
+  const auto& idxs =
+      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  return {camera.params[idxs[0]], camera.params[idxs[1]]};
+}
+
 class ScoreBuilder {
  public:
   ScoreBuilder(const Scene& scene, const DelayedRig& rig,
-               const SoftRigProblem& soft,
-               const std::vector<int>& column_of_sensor,
-               const std::vector<PoseMask>& masks, const Context& context)
+               const SoftRigProblem& soft, const ScoreColumns& columns,
+               const Context& context)
       : scene_(scene),
         rig_(rig),
         soft_(soft),
         built_(soft.built),
-        column_of_sensor_(column_of_sensor),
-        masks_(masks),
+        columns_(columns),
         context_(context),
         equations_(soft.built.problem, {}, context),
-        num_columns_(kColumns * static_cast<int>(masks.size())) {
+        num_columns_(columns.count) {
     ComputeImagePoses(built_.problem, built_.state, &poses_);
   }
 
@@ -86,8 +98,7 @@ class ScoreBuilder {
   const DelayedRig& rig_;
   const SoftRigProblem& soft_;
   const BuiltProblem& built_;
-  const std::vector<int>& column_of_sensor_;
-  const std::vector<PoseMask>& masks_;
+  const ScoreColumns& columns_;
   const Context& context_;
   RigEquations<PixelResidual> equations_;
   const int num_columns_;
@@ -120,10 +131,18 @@ bool ScoreBuilder::Linearize(size_t observation, const Vector3d& point,
   Eigen::Matrix<double, 2, 6> of_frame;
   of_frame << -J * CrossMatrix(y) * S, -J * R;
   result->of_frame = of_frame * problem.frame_masks[image.frame].asDiagonal();
-  const int sensor_idx = scene_.images[soft_.image_idxs[o.image]].sensor_idx;
-  result->first_column = column_of_sensor_[sensor_idx];
+  const Image& scene_image = scene_.images[soft_.image_idxs[o.image]];
+  const int sensor_idx = scene_image.sensor_idx;
+  result->focal_column = columns_.of_camera[scene_image.camera_idx];
+  if (result->focal_column >= 0) {
+    const Camera& camera = rig_.model.separate.cameras[scene_image.camera_idx];
+    result->of_focal =
+        result->residual +
+        root * (Vector2d(o.pixel[0], o.pixel[1]) - PrincipalPoint(camera));
+  }
+  result->first_column = columns_.of_sensor[sensor_idx];
   if (result->first_column < 0) return true;
-  const PoseMask& mask = masks_[result->first_column / kColumns];
+  const PoseMask& mask = columns_.masks[result->first_column / kColumns];
   const Rigid3& sensor = *rig_.model.rig.sensor_from_rig[sensor_idx];
   const PoseVector& motion = rig_.motions[built_.frame_idxs[image.frame]];
   const Vector3d z = x - sensor.translation;
@@ -178,6 +197,15 @@ Sums ScoreBuilder::Sum(const Sums& zero, const Add& add) const {
   return std::move(parts[0]);
 }
 
+// The derivatives and, in the last column, the residual.
+void SetColumns(const Linearized& o, Eigen::Ref<MatrixXd> rows) {
+  rows.rightCols<1>() = o.residual;
+  if (o.first_column >= 0) {
+    rows.middleCols<kColumns>(o.first_column) = o.of_sensor;
+  }
+  if (o.focal_column >= 0) rows.col(o.focal_column) = o.of_focal;
+}
+
 // What of the derivatives `e` of the observations of a point, 2 rows each, its
 // own motion does not absorb.
 void RemovePoint(const std::vector<Linearized>& observations, MatrixXd* e) {
@@ -201,9 +229,7 @@ void ScoreBuilder::AddRhs(const std::vector<Linearized>& observations,
   MatrixXd e = MatrixXd::Zero(size, num_columns_ + 1);
   for (size_t i = 0; i < observations.size(); ++i) {
     const Linearized& o = observations[i];
-    e.block<2, 1>(2 * i, num_columns_) = o.residual;
-    if (o.first_column < 0) continue;
-    e.block<2, kColumns>(2 * i, o.first_column) = o.of_sensor;
+    SetColumns(o, e.middleRows<2>(2 * i));
   }
   RemovePoint(observations, &e);
   const RigStructure& s = equations_.structure();
@@ -225,10 +251,7 @@ void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
   for (size_t i = 0; i < observations.size(); ++i) {
     const Linearized& o = observations[i];
     auto rows = e.middleRows<2>(2 * i);
-    rows.col(num_columns_) = o.residual;
-    if (o.first_column >= 0) {
-      rows.middleCols<kColumns>(o.first_column) = o.of_sensor;
-    }
+    SetColumns(o, rows);
     if (const int block = s.frame_block[o.frame]; block != kNoBlock) {
       rows -= o.of_frame.rightCols(s.pose_size) *
               solution_.middleRows(FirstRow(block), s.pose_size);
@@ -297,28 +320,62 @@ bool ScoreBuilder::Build(RigScores* result) {
   return true;
 }
 
-// Adds the priors of poses, in units of the noise of observations.
-void AddPriors(const Scene& scene, const Reconstruction& reconstruction,
-               const BundleAdjustmentOptions& options, double sigma_px,
-               RigScores* result) {
-  result->scores_of_priors = VectorXd::Zero(result->information.rows());
-  for (size_t k = 0; k < result->sensor_idxs.size(); ++k) {
-    const int sensor_idx = result->sensor_idxs[k];
-    const RefinedSensor refined = RefineSensor(scene, sensor_idx, options);
-    if (!refined.prior) continue;
-    const Rigid3& prior = refined.prior->sensor_from_rig;
-    const Rigid3& pose = *reconstruction.sensor_from_rig[sensor_idx];
-    PoseVector change, information;
-    change << LogSO3(pose.rotation * prior.rotation.conjugate()),
-        pose.translation - prior.translation;
-    information << Vector3d::Constant(1.0 / refined.prior->sigma_rad),
-        Vector3d::Constant(1.0 / refined.prior->sigma_length);
-    information =
-        (sigma_px * information).cwiseAbs2().cwiseProduct(refined.mask);
-    const auto first = static_cast<Eigen::Index>(kColumns * k);
-    result->information.diagonal().segment<6>(first) += information;
-    result->scores_of_priors.segment<6>(first) =
-        information.cwiseProduct(change);
+// Known poses have errors, which would pass for delays: v t is a translation.
+BundleAdjustmentOptions RefiningKnownPoses(BundleAdjustmentOptions options) {
+  options.refine_sensor_from_rig = RefineMode::kYes;
+  return options;
+}
+
+ScoreColumns NumberColumns(const Scene& scene, const SoftRigProblem& soft,
+                           RigGauge gauge,
+                           const BundleAdjustmentOptions& options,
+                           RigScores* result) {
+  ScoreColumns columns{std::vector<int>(scene.sensors.size(), -1),
+                       std::vector<int>(scene.cameras.size(), -1),
+                       {},
+                       0};
+  std::vector<bool> is_seen(scene.sensors.size(), false);
+  std::vector<bool> has_focal_length(scene.cameras.size(), false);
+  for (const int i : soft.image_idxs) {
+    const Image& image = scene.images[i];
+    const CameraModelInfo& model = *FindCameraModel(
+        static_cast<int32_t>(scene.cameras[image.camera_idx].model));
+    is_seen[image.sensor_idx] = true;
+    has_focal_length[image.camera_idx] = !model.focal_length_idxs.empty();
+  }
+  for (size_t k = 0; k < is_seen.size(); ++k) {
+    const int sensor_idx = static_cast<int>(k);
+    if (!is_seen[k] || scene.IsReference(sensor_idx)) continue;
+    columns.of_sensor[k] = columns.count;
+    columns.count += kColumns;
+    columns.masks.push_back(gauge == RigGauge::kKnownPoses
+                                ? RefineSensor(scene, sensor_idx, options).mask
+                                : PoseMask::Ones());
+    result->sensor_idxs.push_back(sensor_idx);
+  }
+  if (gauge == RigGauge::kKnownPoses) return columns;
+  for (size_t c = 0; c < has_focal_length.size(); ++c) {
+    if (!has_focal_length[c]) continue;
+    columns.of_camera[c] = columns.count++;
+    result->camera_idxs.push_back(static_cast<int>(c));
+  }
+  return columns;
+}
+
+void FixGaugeOfFrames(const Scene& scene, const std::vector<int>& sensor_idxs,
+                      RigGauge gauge, SoftRigProblem* soft) {
+  BundleProblem& problem = soft->built.problem;
+  const bool is_known =
+      std::any_of(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
+        return scene.sensors[sensor_idx].sensor_from_rig.has_value();
+      });
+  if (!is_known && gauge == RigGauge::kKnownPoses) return;
+  std::fill(problem.frame_masks.begin(), problem.frame_masks.end(),
+            PoseMask::Ones());
+  if (gauge == RigGauge::kKnownPoses) {
+    FixGauge(soft->built.state, &problem);
+  } else {
+    FixGaugeAndScale(soft->built.state, &problem);
   }
 }
 
@@ -336,10 +393,47 @@ Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx) {
          frame.Inverse();
 }
 
+KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
+                              const Reconstruction& model,
+                              const BundleAdjustmentOptions& options) {
+  const BundleAdjustmentOptions adjusted = RefiningKnownPoses(options);
+  const VectorXd zero = VectorXd::Zero(scores.scores.rows());
+  KnownColumns known{zero, zero};
+  for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
+    const int sensor_idx = scores.sensor_idxs[k];
+    const RefinedSensor refined = RefineSensor(scene, sensor_idx, adjusted);
+    if (!refined.prior) continue;
+    PoseVector information;
+    information << Vector3d::Constant(1.0 / refined.prior->sigma_rad),
+        Vector3d::Constant(1.0 / refined.prior->sigma_length);
+    const auto first = static_cast<Eigen::Index>(kColumns * k);
+    known.information.segment<6>(first) =
+        (scores.sigma_px * information).cwiseAbs2().cwiseProduct(refined.mask);
+    known.deviation.segment<6>(first) = DeviationOf(
+        *model.sensor_from_rig[sensor_idx], refined.prior->sensor_from_rig);
+  }
+  for (size_t c = 0; c < scores.camera_idxs.size(); ++c) {
+    const Camera& camera = scene.cameras[scores.camera_idxs[c]];
+    const int focal = FindCameraModel(static_cast<int32_t>(camera.model))
+                          ->focal_length_idxs.front();
+    const double sigma = camera.has_prior_focal_length
+                             ? options.focal_length_prior_sigma
+                             : options.focal_length_start_sigma;
+    const auto column =
+        static_cast<Eigen::Index>(kColumns * scores.sensor_idxs.size() + c);
+    known.information[column] = std::pow(scores.sigma_px / sigma, 2);
+    known.deviation[column] =
+        std::log(model.cameras[scores.camera_idxs[c]].params[focal] /
+                 camera.params[focal]);
+  }
+  return known;
+}
+
 std::optional<RigScores> ComputeRigScores(
     const Scene& scene, const Scene& separate, const DelayedRig& rig,
-    const BundleAdjustmentOptions& options, const Context& context) {
-  BundleAdjustmentOptions adjusted = options;
+    const BundleAdjustmentOptions& options, const Context& context,
+    RigGauge gauge) {
+  BundleAdjustmentOptions adjusted = RefiningKnownPoses(options);
   const double sigma_px =
       std::max(kMinKeypointSigmaPx,
                NoiseSigmaPx(separate, rig.model.separate, context.num_threads));
@@ -347,45 +441,34 @@ std::optional<RigScores> ComputeRigScores(
   adjusted.refine_focal_length = RefineMode::kNo;
   adjusted.refine_principal_point = RefineMode::kNo;
   adjusted.refine_extra_params = RefineMode::kNo;
-  // Known poses have errors, which would pass for delays: v t is a translation.
-  adjusted.refine_sensor_from_rig = RefineMode::kYes;
   std::vector<std::optional<Rigid3>> poses(scene.images.size());
   for (size_t i = 0; i < poses.size(); ++i) {
     if (!rig.model.separate.rig_from_world[i]) continue;
     poses[i] = DelayedPose(scene, rig, static_cast<int>(i));
   }
   SoftRigProblem soft = BuildSoftRigProblem(
-      scene, separate, rig.model, poses,
-      std::vector<DeviationSigma>(scene.sensors.size()), 1.0, adjusted, {});
+      scene, separate, rig.model,
+      {poses, std::vector<DeviationSigma>(scene.sensors.size())}, adjusted, {});
   BundleProblem& problem = soft.built.problem;
   problem.sensor_priors.clear();
   std::fill(problem.sensor_masks.begin(), problem.sensor_masks.end(),
             PoseMask::Zero());
+  const bool has_priors = gauge == RigGauge::kKnownPoses;
   RigScores result;
-  std::vector<int> column_of_sensor(scene.sensors.size(), -1);
-  std::vector<PoseMask> masks;
-  bool has_known_length = false;
-  std::vector<bool> is_seen(scene.sensors.size(), false);
-  for (const int i : soft.image_idxs)
-    is_seen[scene.images[i].sensor_idx] = true;
-  for (size_t k = 0; k < is_seen.size(); ++k) {
-    const int sensor_idx = static_cast<int>(k);
-    if (!is_seen[k] || scene.IsReference(sensor_idx)) continue;
-    column_of_sensor[k] = kColumns * static_cast<int>(masks.size());
-    const RefinedSensor refined = RefineSensor(scene, sensor_idx, adjusted);
-    masks.push_back(refined.mask);
-    has_known_length |= refined.prior || refined.mask.isZero();
-    result.sensor_idxs.push_back(sensor_idx);
-  }
-  if (masks.empty()) return std::nullopt;
-  if (has_known_length) {
-    std::fill(problem.frame_masks.begin(), problem.frame_masks.end(),
-              PoseMask::Ones());
-    FixGauge(soft.built.state, &problem);
-  }
-  ScoreBuilder builder(scene, rig, soft, column_of_sensor, masks, context);
+  const ScoreColumns columns =
+      NumberColumns(scene, soft, gauge, adjusted, &result);
+  if (columns.masks.empty()) return std::nullopt;
+  FixGaugeOfFrames(scene, result.sensor_idxs, gauge, &soft);
+  ScoreBuilder builder(scene, rig, soft, columns, context);
   if (!builder.Build(&result)) return std::nullopt;
-  AddPriors(scene, rig.model.rig, adjusted, sigma_px, &result);
+  result.sigma_px = sigma_px;
+  result.scores_of_priors = VectorXd::Zero(result.scores.rows());
+  if (has_priors) {
+    const KnownColumns known =
+        FindKnownColumns(scene, result, rig.model.rig, adjusted);
+    result.information.diagonal() += known.information;
+    result.scores_of_priors = known.information.cwiseProduct(known.deviation);
+  }
   return result;
 }
 

@@ -18,8 +18,10 @@ namespace mgsfm {
 // Columns: seven per sensor that is not the reference of its rig: the six
 // coordinates of its pose (rig_problem.h), and its delay. A delay moves the
 // image in frame f like a change `motions[f]` of the frame: the motion of the
-// rig per unit of time. Let e_k be the derivatives of the weighted residuals r
-// with respect to column k, freed of what frames and points can absorb. Then
+// rig per unit of time. With RigGauge::kFixedScale, the logarithms of the focal
+// lengths of cameras follow. Let e_k be the derivatives of the weighted
+// residuals r with respect to column k, freed of what frames and points can
+// absorb. Then
 //
 //   information  M_kl = e_k . e_l         scores  s_kb = sum over block b of
 //   e_k . r
@@ -30,6 +32,7 @@ namespace mgsfm {
 struct RigScores {
   static constexpr int kNumColumns = 7;  // per sensor
   std::vector<int> sensor_idxs;
+  std::vector<int> camera_idxs;
   std::vector<int> frame_idxs;
   Eigen::MatrixXd information;  // with that of priors
   std::vector<Eigen::MatrixXd> block_information;
@@ -47,6 +50,13 @@ struct RigScores {
   // The mean derivative of the weighted residual, relative to its weight: a
   // robust loss moves less than its weights say.
   double efficiency = 1.0;
+  double sigma_px = 0.0;  // noise of the keypoints
+};
+
+// What known poses of sensors determine.
+enum class RigGauge {
+  kKnownPoses,  // the scale, and with their priors the poses of sensors
+  kFixedScale,  // nothing: sensors and focal lengths are free, scale is fixed
 };
 
 // An adjusted model whose cameras trigger late: the image of sensor s in frame
@@ -62,12 +72,22 @@ struct DelayedRig {
 // The pose of an image in the rig: S_s D.
 Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx);
 
+// What is known of the columns, without errors of other columns.
+struct KnownColumns {
+  Eigen::VectorXd information;  // the diagonal, in units of the keypoint noise
+  Eigen::VectorXd deviation;    // of the model from what is known
+};
+KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
+                              const Reconstruction& model,
+                              const BundleAdjustmentOptions& options);
+
 // nullopt if no sensor but the references sees points, or if the equations
 // cannot be factorised. Masked coordinates of poses have neither information
 // nor scores. Cost: two passes over the observations, a factorisation, and
 // seven solves per sensor.
 [[nodiscard]] std::optional<RigScores> ComputeRigScores(
     const Scene& scene, const Scene& separate, const DelayedRig& rig,
-    const BundleAdjustmentOptions& options, const Context& context);
+    const BundleAdjustmentOptions& options, const Context& context,
+    RigGauge gauge = RigGauge::kKnownPoses);
 
 }  // namespace mgsfm

@@ -35,15 +35,10 @@ constexpr double kMinObservedFraction = 0.02;
 // Lower bound of the sigmas: 1e-4 px at a focal length of 1000 px.
 constexpr double kMinSigmaRad = 1e-7;
 
-struct SoftRigInput {
-  const Scene& scene;
-  const Scene& separate;
-  const CandidateSource& candidates;
-  const Reconstruction& initial;
+struct SoftRigRun : SoftRigInput {
   const SoftRigOptions& options;
   BundleAdjustmentOptions bundle_options;
   const Context& context;
-  const BundlePriors& priors;
 };
 
 struct SoftRigState {
@@ -85,7 +80,7 @@ std::vector<ErrorSums> SumErrors(const Scene& scene,
   return sums;
 }
 
-bool HasFrameWithSeveralImages(const SoftRigInput& input) {
+bool HasFrameWithSeveralImages(const SoftRigRun& input) {
   const Scene& scene = input.scene;
   return std::any_of(
       scene.frames.begin(), scene.frames.end(), [&](const Frame& frame) {
@@ -106,19 +101,18 @@ std::vector<std::optional<Rigid3>> ImagePosesOf(const Scene& scene,
   return cam_from_world;
 }
 
-SoftRigResult Unchanged(const SoftRigInput& input, SoftRigSummary summary) {
+SoftRigResult Unchanged(const SoftRigRun& input, SoftRigSummary summary) {
   summary.is_usable = summary.has_converged = false;
   return {input.initial,
           {ImagePosesOf(input.scene, input.initial), std::move(summary)}};
 }
 
-double MedianPointDistance(const SoftRigInput& input,
-                           const SoftRigModel& model) {
+double MedianPointDistance(const SoftRigRun& input, const SoftRigModel& model) {
   return MedianDistance(input.separate, model.separate,
                         input.context.num_threads);
 }
 
-double EstimateNoisePx(const SoftRigInput& input, const SoftRigModel& model) {
+double EstimateNoisePx(const SoftRigRun& input, const SoftRigModel& model) {
   return std::max(
       kMinKeypointSigmaPx,
       NoiseSigmaPx(input.separate, model.separate, input.context.num_threads));
@@ -126,7 +120,7 @@ double EstimateNoisePx(const SoftRigInput& input, const SoftRigModel& model) {
 
 // The initial sigmas are those that would explain the reprojection errors of
 // the rigid model.
-SoftRigState InitialState(const SoftRigInput& input,
+SoftRigState InitialState(const SoftRigRun& input,
                           const BundleAdjustmentOptions& bundle_options) {
   SoftRigState state{
       {input.initial,
@@ -149,17 +143,17 @@ SoftRigState InitialState(const SoftRigInput& input,
   return state;
 }
 
-SoftRigProblem BuildProblemOfRound(const SoftRigInput& input,
+SoftRigProblem BuildProblemOfRound(const SoftRigRun& input,
                                    const SoftRigState& state) {
   BundleAdjustmentOptions options = input.bundle_options;
   options.loss_scale_px = LossScalePx(options, state.sigma_px);
   return BuildSoftRigProblem(input.scene, input.separate, state.model,
-                             state.expected, state.sigmas, state.sigma_px,
+                             {state.expected, state.sigmas, state.sigma_px},
                              options, input.priors);
 }
 
 // Returns false, with a message in the summary, if the solve fails.
-bool SolveImages(const SoftRigInput& input,
+bool SolveImages(const SoftRigRun& input,
                  const std::vector<std::optional<Rigid3>>& expected,
                  SoftRigProblem* soft, SoftRigModel* model,
                  SoftRigSummary* summary) {
@@ -207,7 +201,7 @@ std::vector<std::vector<int>> SampleFrames(const Scene& scene,
 
 // nullopt if the covariances cannot be computed.
 std::optional<std::vector<FrameDeviations>> SampleDeviations(
-    const SoftRigInput& input, const SoftRigState& state,
+    const SoftRigRun& input, const SoftRigState& state,
     const SoftRigProblem& soft) {
   const BuiltProblem& built = soft.built;
   const std::vector<std::vector<int>> samples = SampleFrames(input.scene, soft);
@@ -254,7 +248,7 @@ double ReplaceSigmas(std::vector<DeviationSigma> updated, double distance,
 }
 
 // Updates all hyperparameters. Returns whether they have converged.
-bool UpdateHyperparameters(const SoftRigInput& input,
+bool UpdateHyperparameters(const SoftRigRun& input,
                            const std::vector<FrameDeviations>& deviations,
                            SoftRigState* state) {
   SoftRigModel& model = state->model;
@@ -280,7 +274,7 @@ bool UpdateHyperparameters(const SoftRigInput& input,
          offset_change_s <= input.options.time_offset_tolerance_s;
 }
 
-bool RunRound(const SoftRigInput& input, SoftRigState* state,
+bool RunRound(const SoftRigRun& input, SoftRigState* state,
               SoftRigSummary* summary) {
   SoftRigProblem soft = BuildProblemOfRound(input, *state);
   if (!SolveImages(input, state->expected, &soft, &state->model, summary)) {
@@ -298,7 +292,7 @@ bool RunRound(const SoftRigInput& input, SoftRigState* state,
 // The rigid model has lost the observations that do not fit it, so its points
 // underestimate the deviations. Until the last round, the bound therefore
 // includes the error that the present sigmas can cause.
-double MaxErrorOfRound(const SoftRigInput& input, const SoftRigState& state,
+double MaxErrorOfRound(const SoftRigRun& input, const SoftRigState& state,
                        int num_rounds_left) {
   if (num_rounds_left == 0) {
     return MaxErrorPx(input.bundle_options, state.sigma_px, 0);
@@ -317,7 +311,7 @@ double MaxErrorOfRound(const SoftRigInput& input, const SoftRigState& state,
                     std::min(num_rounds_left, 2));
 }
 
-void RetriangulatePoints(const SoftRigInput& input, int num_rounds_left,
+void RetriangulatePoints(const SoftRigRun& input, int num_rounds_left,
                          SoftRigState* state) {
   const double max_error_px = MaxErrorOfRound(input, *state, num_rounds_left);
   Reconstruction& model = state->model.separate;
@@ -329,7 +323,7 @@ void RetriangulatePoints(const SoftRigInput& input, int num_rounds_left,
 }
 
 // Filters the points and solves (1) a last time.
-bool FinishModel(const SoftRigInput& input, SoftRigState* state,
+bool FinishModel(const SoftRigRun& input, SoftRigState* state,
                  SoftRigSummary* summary) {
   const int num_threads = input.context.num_threads;
   SoftRigModel& model = state->model;
@@ -349,7 +343,7 @@ bool FinishModel(const SoftRigInput& input, SoftRigState* state,
 }
 
 // Sets the number, mean and maximum of the final deviations.
-void SummarizeDeviations(const SoftRigInput& input, const SoftRigState& state,
+void SummarizeDeviations(const SoftRigRun& input, const SoftRigState& state,
                          SoftRigSensor* sensor) {
   double sum_rotation = 0.0, sum_position = 0.0;
   for (size_t i = 0; i < input.scene.images.size(); ++i) {
@@ -372,7 +366,7 @@ void SummarizeDeviations(const SoftRigInput& input, const SoftRigState& state,
   sensor->rms_position = std::sqrt(sum_position / count);
 }
 
-SoftRigSensor SummarizeSensor(const SoftRigInput& input,
+SoftRigSensor SummarizeSensor(const SoftRigRun& input,
                               const SoftRigState& state, int sensor_idx) {
   SoftRigSensor sensor;
   sensor.sensor_idx = sensor_idx;
@@ -398,7 +392,7 @@ SoftRigSensor SummarizeSensor(const SoftRigInput& input,
   return sensor;
 }
 
-void Summarize(const SoftRigInput& input, const SoftRigState& state,
+void Summarize(const SoftRigRun& input, const SoftRigState& state,
                SoftRigSummary* summary) {
   summary->is_usable = true;
   summary->sigma_px = state.sigma_px;
@@ -421,24 +415,21 @@ void Summarize(const SoftRigInput& input, const SoftRigState& state,
 
 }  // namespace
 
-SoftRigResult EstimateSoftRig(const Scene& scene, const Scene& separate,
-                              const CandidateSource& candidates,
-                              const Reconstruction& initial,
+SoftRigResult EstimateSoftRig(const SoftRigInput& model_input,
                               const SoftRigOptions& options,
                               const BundleAdjustmentOptions& bundle_options,
-                              const Context& context,
-                              const BundlePriors& priors) {
-  SoftRigInput input{scene,   separate,       candidates, initial,
-                     options, bundle_options, context,    priors};
+                              const Context& context) {
+  SoftRigRun input{model_input, options, bundle_options, context};
   // This stage always refines poses and points.
   input.bundle_options.refine_rig_from_world = true;
   input.bundle_options.refine_points = true;
   SoftRigSummary summary;
-  if (initial.points.empty() || !HasFrameWithSeveralImages(input)) {
+  if (input.initial.points.empty() || !HasFrameWithSeveralImages(input)) {
     summary.message = "no frame has two registered images that observe points";
     return Unchanged(input, std::move(summary));
   }
-  const int num_triangulations = candidates.groups ? kNumTriangulations : 0;
+  const int num_triangulations =
+      input.candidates.groups ? kNumTriangulations : 0;
   SoftRigState state = InitialState(input, bundle_options);
   for (int round = 0; round < options.max_num_rounds; ++round) {
     context.ReportProgress("soft rig", round, options.max_num_rounds);

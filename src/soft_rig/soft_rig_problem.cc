@@ -57,11 +57,11 @@ void SetSensors(const Scene& scene, const SoftRigModel& model,
 
 }  // namespace
 
-SoftRigProblem BuildSoftRigProblem(
-    const Scene& scene, const Scene& separate, const SoftRigModel& model,
-    const std::vector<std::optional<Rigid3>>& expected,
-    const std::vector<DeviationSigma>& sigmas, double sigma_px,
-    const BundleAdjustmentOptions& options, const BundlePriors& priors) {
+SoftRigProblem BuildSoftRigProblem(const Scene& scene, const Scene& separate,
+                                   const SoftRigModel& model,
+                                   const DeviationPrior& deviations,
+                                   const BundleAdjustmentOptions& options,
+                                   const BundlePriors& priors) {
   SoftRigProblem soft;
   soft.built = BuildProblem(separate, model.separate, options,
                             RefinedParts::kAll, priors);
@@ -70,7 +70,8 @@ SoftRigProblem BuildSoftRigProblem(
     soft.image_idxs.push_back(soft.built.frame_idxs[image.frame]);
   }
   SetFrames(scene, model.rig, &soft);
-  SetSensors(scene, model, expected, sigmas, sigma_px, &soft);
+  SetSensors(scene, model, deviations.expected, deviations.sigmas,
+             deviations.sigma_px, &soft);
   if (soft.built.problem.position_priors.empty()) {
     FixGaugeAndScale(soft.built.state, &soft.built.problem);
   }

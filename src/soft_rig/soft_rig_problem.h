@@ -35,11 +35,16 @@ struct SoftRigProblem {
 
 // `expected` is S_s D_i per image, nullopt if it is not registered; `sigmas`
 // are per sensor of the scene.
-SoftRigProblem BuildSoftRigProblem(
-    const Scene& scene, const Scene& separate, const SoftRigModel& model,
-    const std::vector<std::optional<Rigid3>>& expected,
-    const std::vector<DeviationSigma>& sigmas, double sigma_px,
-    const BundleAdjustmentOptions& options, const BundlePriors& priors);
+struct DeviationPrior {
+  const std::vector<std::optional<Rigid3>>& expected;
+  const std::vector<DeviationSigma>& sigmas;
+  double sigma_px = 1.0;
+};
+SoftRigProblem BuildSoftRigProblem(const Scene& scene, const Scene& separate,
+                                   const SoftRigModel& model,
+                                   const DeviationPrior& deviations,
+                                   const BundleAdjustmentOptions& options,
+                                   const BundlePriors& priors);
 
 // Writes back frames, images, points and cameras. Images that are not in the
 // problem get their expected pose.

@@ -85,14 +85,17 @@ void RejectFramePairs(const Scene& scene, const ViewGraph& view_graph,
 
 }  // namespace
 
-MatchSelection SelectConsistentMatches(
-    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
-    const Reconstruction& model, double max_error_px,
-    const MatchSelectionOptions& options, const Context& context) {
+MatchSelection SelectConsistentMatches(const MatchSelectionInput& input,
+                                       double max_error_px,
+                                       const MatchSelectionOptions& options,
+                                       const Context& context) {
+  const Scene& scene = input.scene;
+  const ViewGraph& view_graph = input.view_graph;
+  const Mask& pair_is_used = input.pair_is_used;
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   MGSFM_CHECK_GT(max_error_px, 0.0);
   const Bearings bearings =
-      ComputeBearings(scene, model.cameras, context.num_threads);
+      ComputeBearings(scene, input.model.cameras, context.num_threads);
   std::vector<size_t> first_match = {0};
   for (const ImagePair& pair : view_graph.pairs) {
     first_match.push_back(first_match.back() + pair.matches.size());
@@ -103,7 +106,7 @@ MatchSelection SelectConsistentMatches(
       view_graph.pairs.size(), context.num_threads,
       [&](size_t i) {
         if (!pair_is_used[i]) return;
-        const auto agrees = TestMatches(scene, view_graph.pairs[i], model,
+        const auto agrees = TestMatches(scene, view_graph.pairs[i], input.model,
                                         bearings, max_error_px);
         selection.pair_is_used[i] = agrees.has_value();
         for (size_t k = 0; agrees && k < agrees->size(); ++k) {

@@ -47,16 +47,16 @@ SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const std::vector<size_t>& track_idxs,
                                     const RefinementOptions& options,
                                     const Context& context,
-                                    Positions* positions, TrackPoints* points) {
+                                    PositionsAndPoints* placed) {
   if (!IsDetermined(input, track_idxs)) return NothingToDo("Too few points.");
-  PositionRigProblem angles(input, options, *positions);
-  angles.AddPoints(rays, track_idxs, *points);
+  PositionRigProblem angles(input, options, placed->positions);
+  angles.AddPoints(rays, track_idxs, placed->points);
   AddDirections(input, kPairWeightWithPoints, &angles);
   angles.HoldGauge();
   if (!options.starts_at_random) angles.HoldScale();
   SolveSummary summary = angles.Solve(context);
-  angles.WriteBack(positions);
-  angles.WriteBack(track_idxs, points);
+  angles.WriteBack(&placed->positions);
+  angles.WriteBack(track_idxs, &placed->points);
   return summary;
 }
 

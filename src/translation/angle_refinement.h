@@ -38,7 +38,7 @@ SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const std::vector<size_t>& track_idxs,
                                     const RefinementOptions& options,
                                     const Context& context,
-                                    Positions* positions, TrackPoints* points);
+                                    PositionsAndPoints* placed);
 
 constexpr PositionObjective kNonBilinearObjective = {RefineCameras,
                                                      RefineCamerasAndPoints};

@@ -376,10 +376,10 @@ void TakeDirection(const PositionProblem& problem, const ImagePair& pair,
 }
 
 // Fills all but the images.
-void MeasureBaseline(const Scene& scene, const Bearings& bearings,
-                     const PositionProblem& problem, const ImagePair& pair,
+void MeasureBaseline(const BaselineInput& input, const ImagePair& pair,
                      PairRotation rotation, double min_sine, Random* random,
                      BaselineDirection* baseline) {
+  const PositionProblem& problem = input.problem;
   if (pair.relative_pose && !pair.relative_pose->translation_direction) {
     // The pair's own rotation explains its matches; it fits them better than
     // the averaged rotation, which could show parallax where there is none.
@@ -390,9 +390,10 @@ void MeasureBaseline(const Scene& scene, const Bearings& bearings,
     TakeDirection(problem, pair, baseline);
     return;
   }
-  const PairRays collected = CollectRays(bearings, problem, pair, rotation);
-  const double noise_rad = std::hypot(PixelRad(scene, pair.image_idx1),
-                                      PixelRad(scene, pair.image_idx2)) /
+  const PairRays collected =
+      CollectRays(input.bearings, problem, pair, rotation);
+  const double noise_rad = std::hypot(PixelRad(input.scene, pair.image_idx1),
+                                      PixelRad(input.scene, pair.image_idx2)) /
                            std::sqrt(2.0);
   const BaselineMatches matches =
       PrepareMatches(collected.rays, noise_rad, min_sine);
@@ -424,24 +425,23 @@ void SortByKeypoint(std::vector<DepthSample>* depths) {
 }
 
 std::vector<BaselineDirection> EstimateBaselineDirections(
-    const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
-    const Mask& pair_is_used, const PositionProblem& problem,
-    double min_parallax_deg, const Context& context, PairRotation rotation) {
+    const BaselineInput& input, double min_parallax_deg, const Context& context,
+    PairRotation rotation) {
   const double min_sine = std::sin(DegToRad(min_parallax_deg));
-  std::vector<BaselineDirection> baselines(view_graph.pairs.size());
+  std::vector<BaselineDirection> baselines(input.view_graph.pairs.size());
   ParallelFor(baselines.size(), context.num_threads, [&](size_t pair_idx) {
-    const ImagePair& pair = view_graph.pairs[pair_idx];
+    const ImagePair& pair = input.view_graph.pairs[pair_idx];
     BaselineDirection& baseline = baselines[pair_idx];
     baseline.image_idx1 = pair.image_idx1;
     baseline.image_idx2 = pair.image_idx2;
-    if (!pair_is_used[pair_idx] || !problem.IsUsed(pair.image_idx1) ||
-        !problem.IsUsed(pair.image_idx2)) {
+    if (!input.pair_is_used[pair_idx] ||
+        !input.problem.IsUsed(pair.image_idx1) ||
+        !input.problem.IsUsed(pair.image_idx2)) {
       return;
     }
     context.CheckInterrupted();
     Random random(context.random_seed, pair_idx);
-    MeasureBaseline(scene, bearings, problem, pair, rotation, min_sine, &random,
-                    &baseline);
+    MeasureBaseline(input, pair, rotation, min_sine, &random, &baseline);
   });
   return baselines;
 }

@@ -70,10 +70,15 @@ struct BaselineDirection {
 // averaged one. The baseline then does not depend on whether the pair agrees
 // with the others; only its axes are those of camera 2 in the world.
 enum class PairRotation { kAveraged, kOwn };
+struct BaselineInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const ViewGraph& view_graph;
+  const Mask& pair_is_used;
+  const PositionProblem& problem;
+};
 std::vector<BaselineDirection> EstimateBaselineDirections(
-    const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
-    const Mask& pair_is_used, const PositionProblem& problem,
-    double min_parallax_deg, const Context& context,
+    const BaselineInput& input, double min_parallax_deg, const Context& context,
     PairRotation rotation = PairRotation::kAveraged);
 
 }  // namespace mgsfm

@@ -165,22 +165,29 @@ void HoldFirstFrame(FramePoses* poses, ceres::Problem* problem) {
   }
 }
 
-SolveSummary Solve(const RefinementInput& input, const ViewGraph& view_graph,
-                   const RotationEstimate& rotations,
-                   const std::vector<size_t>& pair_idxs, double loss_scale,
+// The edges of the graph, and the measurements of all pairs.
+struct PoseEdges {
+  const RefinementInput& input;
+  const ViewGraph& view_graph;
+  const RotationEstimate& rotations;
+  const std::vector<size_t> pair_idxs;
+};
+
+SolveSummary Solve(const PoseEdges& edges, double loss_scale,
                    const Context& context, FramePoses* poses) {
+  const RefinementInput& input = edges.input;
   // The problem owns what is added to it; sharing is allowed.
   ceres::Problem problem;
   auto* loss = new ceres::CauchyLoss(loss_scale);
   auto* manifold = new CeresQuaternionManifold();
-  for (const size_t i : pair_idxs) {
+  for (const size_t i : edges.pair_idxs) {
     const BaselineDirection& baseline = input.baselines[i];
     const int f1 = input.problem.frame_idx[baseline.image_idx1];
     const int f2 = input.problem.frame_idx[baseline.image_idx2];
     double* rotation1 = poses->rig_from_world[f1].coeffs().data();
     double* rotation2 = poses->rig_from_world[f2].coeffs().data();
-    auto* error =
-        new PairError(ErrorOf(input, i, view_graph.pairs[i], rotations));
+    auto* error = new PairError(
+        ErrorOf(input, i, edges.view_graph.pairs[i], edges.rotations));
     problem.AddResidualBlock(
         new ceres::AutoDiffCostFunction<PairError, 6, 4, 3, 4, 3>(error), loss,
         rotation1, poses->center[f1].data(), rotation2,
@@ -240,18 +247,18 @@ PoseGraphEstimate RefinePoseGraph(const RefinementInput& input,
                                   const Context& context) {
   MGSFM_CHECK_EQ(view_graph.pairs.size(), input.baselines.size());
   PoseGraphEstimate estimate{rotations.rig_from_world, {}};
-  const std::vector<size_t> pair_idxs = SelectPairs(input, view_graph);
-  if (pair_idxs.empty()) {
+  const PoseEdges edges{input, view_graph, rotations,
+                        SelectPairs(input, view_graph)};
+  if (edges.pair_idxs.empty()) {
     estimate.summary = NothingToDo("No pair connects two placed frames.");
     return estimate;
   }
   FramePoses poses = StartOf(input, rotations);
   for (const double factor : kLossAnnealing) {
-    estimate.summary = Solve(input, view_graph, rotations, pair_idxs,
-                             factor * kPoseLossScale, context, &poses);
+    estimate.summary = Solve(edges, factor * kPoseLossScale, context, &poses);
     if (!estimate.summary.IsUsable()) return estimate;
   }
-  TurnFrames(SolvedFrames(input, pair_idxs), poses.rig_from_world,
+  TurnFrames(SolvedFrames(input, edges.pair_idxs), poses.rig_from_world,
              &estimate.rig_from_world);
   return estimate;
 }

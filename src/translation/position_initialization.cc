@@ -53,29 +53,9 @@ constexpr double kMinRelativeLength = 0.5;
 // solver.
 constexpr int kMaxBorderSize = 100;
 
-struct Input {
-  const PositionProblem& problem;
-  const std::vector<BaselineDirection>& baselines;
-  const PairScales& scales;
-  const Mask& pair_is_used;
-
-  BaselineKind KindOf(size_t pair_idx) const {
-    return pair_is_used[pair_idx] ? baselines[pair_idx].kind
-                                  : BaselineKind::kUnused;
-  }
-  std::array<int, 2> FramesOf(size_t pair_idx) const {
-    return {problem.frame_idx[baselines[pair_idx].image_idx1],
-            problem.frame_idx[baselines[pair_idx].image_idx2]};
-  }
-  bool IsDirectionBetweenFrames(size_t pair_idx) const {
-    return KindOf(pair_idx) == BaselineKind::kDirection &&
-           FramesOf(pair_idx)[0] != FramesOf(pair_idx)[1];
-  }
-};
-
 // The frames of the largest set that pairs connect; the set of the first frame
 // if several are equally large.
-Mask LargestConnectedSet(const Input& in) {
+Mask LargestConnectedSet(const InitializationInput& in) {
   const int num_frames = in.problem.num_frames;
   UnionFind sets(num_frames);
   for (size_t i = 0; i < in.baselines.size(); ++i) {
@@ -106,7 +86,7 @@ Mask LargestConnectedSet(const Input& in) {
 
 // Per pair: lower bound of the length that it counts with. Zero for pairs in a
 // frame: their baselines are those of the rig.
-std::vector<double> MinCountedLengths(const Input& in) {
+std::vector<double> MinCountedLengths(const InitializationInput& in) {
   const int num_frames = in.problem.num_frames;
   std::vector<std::vector<double>> lengths(num_frames);
   for (size_t i = 0; i < in.baselines.size(); ++i) {
@@ -152,7 +132,8 @@ struct Unknowns {
   int size = 0;
 };
 
-Unknowns NumberUnknowns(const Input& in, const Mask& frame_is_placed,
+Unknowns NumberUnknowns(const InitializationInput& in,
+                        const Mask& frame_is_placed,
                         const std::vector<int>& free_sensors,
                         bool estimate_unit) {
   Unknowns unknowns;
@@ -213,8 +194,8 @@ void AddBaseline(const PositionProblem& problem, const Unknowns& unknowns,
   }
 }
 
-void AddDirection(const Input& in, const Unknowns& unknowns, size_t pair_idx,
-                  double min_length, BlockSystem* system) {
+void AddDirection(const InitializationInput& in, const Unknowns& unknowns,
+                  size_t pair_idx, double min_length, BlockSystem* system) {
   const BaselineDirection& baseline = in.baselines[pair_idx];
   const PairScale& pair = *in.scales.pairs[pair_idx];
   const double normal_weight =
@@ -243,7 +224,7 @@ void AddDirection(const Input& in, const Unknowns& unknowns, size_t pair_idx,
   system->FinishBlock(rhs, penalty);
 }
 
-void AddNoParallax(const Input& in, const Unknowns& unknowns,
+void AddNoParallax(const InitializationInput& in, const Unknowns& unknowns,
                    const BaselineDirection& baseline, double sigma,
                    BlockSystem* system) {
   const Matrix3d rows = kDirectionSigma / sigma * Matrix3d::Identity();
@@ -278,9 +259,9 @@ void AddRidge(int num_unknowns, BlockSystem* system) {
   }
 }
 
-BlockSystem AssembleSystem(const Input& in, const Unknowns& unknowns,
-                           const Positions& placed, double min_parallax_deg,
-                           int num_threads) {
+BlockSystem AssembleSystem(const InitializationInput& in,
+                           const Unknowns& unknowns, const Positions& placed,
+                           double min_parallax_deg, int num_threads) {
   const std::vector<double> min_length = MinCountedLengths(in);
   const double zero_baseline_sigma =
       ZeroBaselineSigma(in.scales, min_parallax_deg);
@@ -408,10 +389,9 @@ struct Attempt {
   bool unit_is_determined = false;
 };
 
-Attempt Solve(const Input& in, const Positions& placed,
+Attempt Solve(const InitializationInput& in, const Positions& placed,
               const std::vector<int>& free_sensors, bool estimate_unit,
-              double min_parallax_deg, const InitializationOptions& options,
-              const Context& context) {
+              const InitializationOptions& options, const Context& context) {
   Attempt attempt;
   attempt.unknowns =
       NumberUnknowns(in, placed.frame_is_placed, free_sensors, estimate_unit);
@@ -424,8 +404,9 @@ Attempt Solve(const Input& in, const Positions& placed,
     summary.message = "Nothing is unknown.";
     return attempt;
   }
-  BlockSystem system = AssembleSystem(in, attempt.unknowns, placed,
-                                      min_parallax_deg, context.num_threads);
+  BlockSystem system =
+      AssembleSystem(in, attempt.unknowns, placed, options.min_parallax_deg,
+                     context.num_threads);
   const auto covariance = ExtrinsicCovariance(
       system, attempt.unknowns, free_sensors.size(), context.num_threads);
   if (!covariance) {
@@ -481,12 +462,10 @@ double ZeroBaselineSigma(const PairScales& scales, double min_parallax_deg) {
          std::max(scales.typical_depth, 1e-3);
 }
 
-InitialPositions InitializePositions(
-    const PositionProblem& problem,
-    const std::vector<BaselineDirection>& baselines, const PairScales& scales,
-    const Mask& pair_is_used, double min_parallax_deg,
-    const InitializationOptions& options, const Context& context) {
-  const Input in{problem, baselines, scales, pair_is_used};
+InitialPositions InitializePositions(const InitializationInput& in,
+                                     const InitializationOptions& options,
+                                     const Context& context) {
+  const PositionProblem& problem = in.problem;
   InitialPositions result;
   result.free_sensors = FreeSensors(problem);
   Positions& positions = result.positions;
@@ -494,10 +473,11 @@ InitialPositions InitializePositions(
   positions.frame_center.assign(problem.num_frames, Vector3d::Zero());
   positions.sensor_translation = problem.fixed_translation;
   const auto solve = [&](bool estimate_unit) {
-    return Solve(in, positions, result.free_sensors, estimate_unit,
-                 min_parallax_deg, options, context);
+    return Solve(in, positions, result.free_sensors, estimate_unit, options,
+                 context);
   };
-  const bool has_unit = problem.HasKnownOffset() && !scales.group_sizes.empty();
+  const bool has_unit =
+      problem.HasKnownOffset() && !in.scales.group_sizes.empty();
   Attempt attempt = solve(has_unit);
   const bool keeps_unit =
       attempt.unit_is_determined || attempt.solution.x.size() == 0;

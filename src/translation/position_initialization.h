@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -59,18 +60,37 @@ struct InitialPositions {
 // depth, a longer one would be seen as parallax.
 double ZeroBaselineSigma(const PairScales& scales, double min_parallax_deg);
 
-// Stopping criteria of the ADMM.
+struct InitializationInput {
+  const PositionProblem& problem;
+  const std::vector<BaselineDirection>& baselines;
+  const PairScales& scales;
+  const Mask& pair_is_used;  // per baseline
+
+  BaselineKind KindOf(size_t pair_idx) const {
+    return pair_is_used[pair_idx] ? baselines[pair_idx].kind
+                                  : BaselineKind::kUnused;
+  }
+  std::array<int, 2> FramesOf(size_t pair_idx) const {
+    return {problem.frame_idx[baselines[pair_idx].image_idx1],
+            problem.frame_idx[baselines[pair_idx].image_idx2]};
+  }
+  bool IsDirectionBetweenFrames(size_t pair_idx) const {
+    return KindOf(pair_idx) == BaselineKind::kDirection &&
+           FramesOf(pair_idx)[0] != FramesOf(pair_idx)[1];
+  }
+};
+
 struct InitializationOptions {
+  double min_parallax_deg = 0.0;
+  // Stopping criteria of the ADMM.
   int max_num_iterations = 2000;
   double relative_tolerance = 1e-4;
 };
 
-// Uses the pairs with pair_is_used. Frames outside the largest connected
-// component of these pairs stay unplaced.
-InitialPositions InitializePositions(
-    const PositionProblem& problem,
-    const std::vector<BaselineDirection>& baselines, const PairScales& scales,
-    const Mask& pair_is_used, double min_parallax_deg,
-    const InitializationOptions& options = {}, const Context& context = {});
+// Frames outside the largest connected component of the used pairs stay
+// unplaced.
+InitialPositions InitializePositions(const InitializationInput& input,
+                                     const InitializationOptions& options,
+                                     const Context& context = {});
 
 }  // namespace mgsfm

@@ -81,7 +81,8 @@ bool IsDetermined(const RefinementInput& input,
 // The summary of a solve that was not necessary.
 SolveSummary NothingToDo(const char* message);
 
-// An objective for positions: refines positions alone, and with points.
+// An objective for positions: refines positions alone, and with points. Null: a
+// refinement is omitted.
 struct PositionObjective {
   SolveSummary (*refine_cameras)(const RefinementInput& input,
                                  const RefinementOptions& options,
@@ -89,7 +90,7 @@ struct PositionObjective {
   SolveSummary (*refine_cameras_and_points)(
       const RefinementInput& input, const TrackRays& rays,
       const std::vector<size_t>& track_idxs, const RefinementOptions& options,
-      const Context& context, Positions* positions, TrackPoints* points);
+      const Context& context, PositionsAndPoints* placed);
 };
 
 }  // namespace mgsfm

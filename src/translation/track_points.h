@@ -31,6 +31,11 @@ struct TrackPoints {
   Mask observation_is_used;
 };
 
+struct PositionsAndPoints {
+  Positions positions;
+  TrackPoints points;
+};
+
 struct TrackPointOptions {
   double max_error_rad = 0.0;  // of an observation
   double min_angle_rad = 0.0;  // between two rays of a point

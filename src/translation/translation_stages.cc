@@ -44,21 +44,28 @@ RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
   return common;
 }
 
+// The constant arguments of RefineWithTracks().
+struct TrackStage {
+  const RefinementInput& input;
+  const TrackRays& rays;
+  const TranslationAveragingOptions& options;
+  const Context& context;
+  const PositionObjective& objective;
+};
+
 // One joint refinement. Replaces positions and points if it is usable.
-SolveSummary RefineJointly(const RefinementInput& input, const TrackRays& rays,
-                           const std::vector<size_t>& selected,
+SolveSummary RefineJointly(const TrackStage& stage,
                            const RefinementOptions& refinement,
-                           const PositionObjective& objective,
-                           const Context& context, TrackRefinement* state) {
-  context.CheckInterrupted();
-  Positions positions = state->positions;
-  TrackPoints points = state->points;
-  SolveSummary summary = objective.refine_cameras_and_points(
-      input, rays, selected, refinement, context, &positions, &points);
-  if (summary.IsUsable()) {
-    state->positions = std::move(positions);
-    state->points = std::move(points);
-  }
+                           PositionsAndPoints* placed) {
+  stage.context.CheckInterrupted();
+  const std::vector<size_t> selected =
+      SelectTracks(stage.rays, placed->points,
+                   static_cast<int>(stage.input.problem.frame_idx.size()),
+                   stage.options.min_num_points_per_image);
+  PositionsAndPoints refined = *placed;
+  SolveSummary summary = stage.objective.refine_cameras_and_points(
+      stage.input, stage.rays, selected, refinement, stage.context, &refined);
+  if (summary.IsUsable()) *placed = std::move(refined);
   return summary;
 }
 
@@ -96,18 +103,15 @@ void IgnoreMovingPairsWithoutParallax(
 
 }  // namespace
 
-PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
-                              const ViewGraph& view_graph,
-                              const Mask& pair_is_used,
-                              const PositionProblem& problem,
+PairMeasurements MeasurePairs(const BaselineInput& input,
                               double min_parallax_deg, const Context& context,
                               const LengthHints& hints) {
   PairMeasurements pairs;
   pairs.baselines =
-      EstimateBaselineDirections(scene, bearings, view_graph, pair_is_used,
-                                 problem, min_parallax_deg, context);
-  pairs.scales = AverageScales(
-      pairs.baselines, static_cast<int>(scene.images.size()), context, hints);
+      EstimateBaselineDirections(input, min_parallax_deg, context);
+  pairs.scales = AverageScales(pairs.baselines,
+                               static_cast<int>(input.scene.images.size()),
+                               context, hints);
   IgnoreMovingPairsWithoutParallax(hints.expected, min_parallax_deg, &pairs);
   for (BaselineDirection& baseline : pairs.baselines) {
     for (auto& depths : baseline.depths) {
@@ -138,6 +142,9 @@ RefinedPositions RefineWithPairs(const RefinementInput& input,
                                  const TranslationAveragingOptions& options,
                                  const Context& context,
                                  const PositionObjective& objective) {
+  if (!objective.refine_cameras) {
+    return {input.initial.positions, NothingToDo("Not asked for.")};
+  }
   context.CheckInterrupted();
   RefinementOptions refinement = CommonOptions(options);
   refinement.loss_scale_rad = DegToRad(options.max_angle_error_deg);
@@ -148,10 +155,10 @@ RefinedPositions RefineWithPairs(const RefinementInput& input,
   return refined;
 }
 
-TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
-                          const Positions& positions, double max_error_rad,
-                          const TranslationAveragingOptions& options,
-                          int num_threads, TrackPoints previous) {
+void TriangulateAgain(const RefinementInput& input, const TrackRays& rays,
+                      double max_error_rad,
+                      const TranslationAveragingOptions& options,
+                      int num_threads, PositionsAndPoints* placed) {
   TrackPointOptions point_options;
   point_options.max_error_rad = max_error_rad;
   point_options.min_angle_rad = DegToRad(options.min_parallax_deg);
@@ -159,8 +166,9 @@ TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
     point_options.min_depth = kMinRelativeDepth * input.scales.typical_depth *
                               input.initial.group_factor[0];
   }
-  return TriangulateTracks(input.problem, rays, positions, point_options,
-                           num_threads, std::move(previous));
+  placed->points =
+      TriangulateTracks(input.problem, rays, placed->positions, point_options,
+                        num_threads, std::move(placed->points));
 }
 
 TrackRefinement RefineWithTracks(const RefinementInput& input,
@@ -168,50 +176,46 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
                                  const TranslationAveragingOptions& options,
                                  const Context& context,
                                  const PositionObjective& objective) {
+  const TrackStage stage{input, rays, options, context, objective};
   const double max_angle_rad = DegToRad(options.max_angle_error_deg);
   TrackRefinement state;
-  state.positions = start;
+  PositionsAndPoints& placed = state.placed;
+  placed.positions = start;
   const auto triangulate = [&](double max_error_rad) {
     context.CheckInterrupted();
-    state.points =
-        TriangulateAt(input, rays, state.positions, max_error_rad, options,
-                      context.num_threads, std::move(state.points));
+    TriangulateAgain(input, rays, max_error_rad, options, context.num_threads,
+                     &placed);
   };
   const auto triangulate_and_place = [&] {
     triangulate(2.0 * max_angle_rad);
     FramePlacement placement = PlaceFramesByPoints(
-        input.problem, rays, state.points, 2.0 * max_angle_rad,
-        context.num_threads, std::move(state.positions));
-    state.positions = std::move(placement.positions);
+        input.problem, rays, placed.points, 2.0 * max_angle_rad,
+        context.num_threads, std::move(placed.positions));
+    placed.positions = std::move(placement.positions);
     state.num_frames_placed_by_points += placement.num_placed;
     if (placement.num_placed > 0) triangulate(2.0 * max_angle_rad);
   };
 
-  const auto refine = [&](const RefinementOptions& refinement) {
-    return RefineJointly(
-        input, rays,
-        SelectTracks(rays, state.points,
-                     static_cast<int>(input.problem.frame_idx.size()),
-                     options.min_num_points_per_image),
-        refinement, objective, context, &state);
-  };
-
   triangulate(kCoarseErrorRad);
+  if (!objective.refine_cameras_and_points) {
+    state.solve = NothingToDo("Not asked for.");
+    return state;
+  }
   RefinementOptions refinement = CommonOptions(options);
   refinement.loss_scale_rad = kCoarseLossRad;
   refinement.function_tolerance = kCoarseFunctionTolerance;
   refinement.max_num_iterations = kNumCoarseIterations;
-  refine(refinement);
+  (void)RefineJointly(stage, refinement, &placed);
   triangulate_and_place();
 
   const double sigma =
-      AngularSigma(input.problem, rays, state.points, state.positions);
+      AngularSigma(input.problem, rays, placed.points, placed.positions);
   refinement = CommonOptions(options);
   refinement.loss_scale_rad =
       std::clamp(kLossInSigmas * sigma, std::min(kMinLossRad, max_angle_rad),
                  max_angle_rad);
   refinement.function_tolerance = kFunctionTolerance;
-  state.solve = refine(refinement);
+  state.solve = RefineJointly(stage, refinement, &placed);
   triangulate_and_place();
   return state;
 }
@@ -235,18 +239,19 @@ double FactorToMeasuredLengths(const RefinementInput& input,
   return sum_estimated > 0.0 ? sum_expected / sum_estimated : 1.0;
 }
 
-void ScaleBy(double factor, Positions* positions, TrackPoints* points) {
-  for (Eigen::Vector3d& center : positions->frame_center) center *= factor;
-  for (Eigen::Vector3d& t : positions->sensor_translation) t *= factor;
-  for (auto& point : points->point_in_world) {
+void ScaleBy(double factor, PositionsAndPoints* placed) {
+  Positions& positions = placed->positions;
+  for (Eigen::Vector3d& center : positions.frame_center) center *= factor;
+  for (Eigen::Vector3d& t : positions.sensor_translation) t *= factor;
+  for (auto& point : placed->points.point_in_world) {
     if (point) *point *= factor;
   }
 }
 
 PositionEstimate MakePositionEstimate(const Scene& scene,
                                       const PositionProblem& problem,
-                                      const Positions& positions,
-                                      const TrackPoints& points) {
+                                      const PositionsAndPoints& placed) {
+  const Positions& positions = placed.positions;
   PositionEstimate estimate;
   estimate.frame_center_in_world.resize(scene.frames.size());
   for (size_t f = 0; f < scene.frames.size(); ++f) {
@@ -260,7 +265,7 @@ PositionEstimate MakePositionEstimate(const Scene& scene,
       estimate.sensor_from_rig_translation[s] = positions.sensor_translation[s];
     }
   }
-  estimate.point_in_world = points.point_in_world;
+  estimate.point_in_world = placed.points.point_in_world;
   return estimate;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "geometry/so3.h"
@@ -21,10 +22,9 @@
 
 namespace mgsfm {
 
-// The stages of translation averaging, from known rotations to positions and
-// points. Recipes compose them: AverageTranslations
-// (mgsfm/translation/translation_averaging.h), and with pair filtering
-// pipeline/position_recipe.h.
+// The stages of AverageTranslations()
+// (mgsfm/translation/translation_averaging.h), from known rotations to
+// positions and points.
 
 // Stopping criterion of L1 positions that a refinement follows. Ten times
 // tighter, they would start the refinement no better: errors along long bends
@@ -42,12 +42,9 @@ struct PairMeasurements {
   PairScales scales;
 };
 
-PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
-                              const ViewGraph& view_graph,
-                              const Mask& pair_is_used,
-                              const PositionProblem& problem,
+PairMeasurements MeasurePairs(const BaselineInput& input,
                               double min_parallax_deg, const Context& context,
-                              const LengthHints& hints = {});
+                              const LengthHints& hints);
 
 // Counts the kinds of pairs and the groups of scales.
 void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
@@ -64,19 +61,19 @@ RefinedPositions RefineWithPairs(
     const Context& context,
     const PositionObjective& objective = kNonBilinearObjective);
 
-// Points for given positions. The lower bound of their depth is a share of the
-// typical depth of input.scales.
-TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
-                          const Positions& positions, double max_error_rad,
-                          const TranslationAveragingOptions& options,
-                          int num_threads, TrackPoints previous = {});
+// Triangulates the points of placed->positions again. The lower bound of their
+// depth is a share of the typical depth of input.scales.
+void TriangulateAgain(const RefinementInput& input, const TrackRays& rays,
+                      double max_error_rad,
+                      const TranslationAveragingOptions& options,
+                      int num_threads, PositionsAndPoints* placed);
 
 // Positions and points by all rays: a coarse triangulation and joint refinement
 // by eq. (18) of MGSfM, then triangulation and refinement at the noise level of
-// the rays. Frames without usable pairs are placed by points in between.
+// the rays. Frames without usable pairs are placed by points in between. An
+// objective without points triangulates coarsely only.
 struct TrackRefinement {
-  Positions positions;
-  TrackPoints points;
+  PositionsAndPoints placed;
   SolveSummary solve;  // of the last refinement
   int num_frames_placed_by_points = 0;
 };
@@ -90,17 +87,48 @@ TrackRefinement RefineWithTracks(
 double FactorToMeasuredLengths(const RefinementInput& input,
                                const Positions& positions);
 
-void ScaleBy(double factor, Positions* positions, TrackPoints* points);
+void ScaleBy(double factor, PositionsAndPoints* placed);
 
 PositionEstimate MakePositionEstimate(const Scene& scene,
                                       const PositionProblem& problem,
-                                      const Positions& positions,
-                                      const TrackPoints& points);
+                                      const PositionsAndPoints& placed);
 
 // Counts placed frames and points, and describes each sensor.
 void SummarizeEstimate(const PositionProblem& problem,
                        const InitialPositions& initial,
                        const PositionEstimate& estimate,
                        TranslationSummary* summary);
+
+// What the stages have measured and estimated so far.
+struct TranslationState {
+  PositionProblem problem;
+  PairMeasurements pairs;
+  InitialPositions initial;
+  Mask pair_is_used;  // by the next stage
+  PositionsAndPoints placed;
+
+  InitializationInput ToInitialize() const {
+    return {problem, pairs.baselines, pairs.scales, pair_is_used};
+  }
+  RefinementInput ToRefine() const {
+    return {problem, pairs.baselines, pairs.scales, initial, pair_is_used};
+  }
+};
+
+// What a caller of AverageTranslations() adds to its stages: the rules of pair
+// filtering (pipeline/position_recipe.h), or another objective
+// (baselines/position_baselines.h). Null functions do nothing.
+struct TranslationHooks {
+  LengthHints length_hints = {};
+  PositionObjective objective = kNonBilinearObjective;
+  // Replaces stage 2: finds `initial`, and removes used pairs.
+  std::function<void(TranslationState*)> initialize = {};
+  // Removes used pairs after stage 3, if the objective has that stage.
+  std::function<void(TranslationState*)> select_pairs = {};
+  // Sees positions without points as they become better.
+  std::function<void(const PositionEstimate&)> observer = {};
+  // Gets the state after the last stage.
+  std::function<void(TranslationState)> finish = {};
+};
 
 }  // namespace mgsfm

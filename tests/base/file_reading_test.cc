@@ -24,5 +24,20 @@ TEST(ReadFile, EveryStepReadsAPipe) {
   EXPECT_EQ(ReadFile(path, "the pipe"), text);
 }
 
+// As in a process that goes on, such as Python.
+TEST(ReadFile, APipeOfTheSameNameIsAnother) {
+  const TempDir dir;
+  const std::filesystem::path path = dir.path() / "pipe";
+  const std::filesystem::path kept = dir.path() / "kept";
+  for (const std::string text : {"first", "second"}) {
+    ASSERT_EQ(mkfifo(path.c_str(), 0600), 0);
+    std::thread writer([&] { WriteTextFile(path.string(), text); });
+    EXPECT_EQ(ReadFile(path), text);
+    writer.join();
+    // Its inode stays in use.
+    std::filesystem::rename(path, kept);
+  }
+}
+
 }  // namespace
 }  // namespace mgsfm

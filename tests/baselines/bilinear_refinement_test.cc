@@ -27,15 +27,16 @@ struct Stages {
   explicit Stages(const TranslationInput& input)
       : problem(MakePositionProblem(input.simulation.scene, input.rotations)),
         baselines(EstimateBaselineDirections(
-            input.simulation.scene, input.bearings, input.simulation.view_graph,
-            input.rotations.pair_is_inlier, problem, kMinParallaxDeg,
-            Threads(2))),
+            {input.simulation.scene, input.bearings,
+             input.simulation.view_graph, input.rotations.pair_is_inlier,
+             problem},
+            kMinParallaxDeg, Threads(2))),
         scales(AverageScales(
             baselines, static_cast<int>(input.simulation.scene.images.size()),
             Threads(2))),
         pair_is_used(input.rotations.pair_is_inlier),
-        initial(InitializePositions(problem, baselines, scales, pair_is_used,
-                                    kMinParallaxDeg)),
+        initial(InitializePositions({problem, baselines, scales, pair_is_used},
+                                    {kMinParallaxDeg})),
         rays(ComputeTrackRays(problem, input.bearings, input.tracks, 2)) {
     TrackPointOptions options;
     options.max_error_rad = DegToRad(4.0);
@@ -70,23 +71,22 @@ RefinementOptions Tight() {
 
 struct Refined {
   SolveSummary summary;
-  Positions positions;
-  TrackPoints points;
+  PositionsAndPoints placed;
 };
 
 Refined RefineCameras(const Stages& stages, const RefinementOptions& options) {
-  Refined refined{{}, stages.initial.positions, stages.points};
+  Refined refined{{}, {stages.initial.positions, stages.points}};
   refined.summary = RefineCamerasBilinearly(stages.Input(), options, Threads(2),
-                                            &refined.positions);
+                                            &refined.placed.positions);
   return refined;
 }
 
 Refined RefineAll(const Stages& stages, const RefinementOptions& options,
                   int num_threads = 2) {
-  Refined refined{{}, stages.initial.positions, stages.points};
+  Refined refined{{}, {stages.initial.positions, stages.points}};
   refined.summary = RefineCamerasAndPointsBilinearly(
       stages.Input(), stages.rays, stages.track_idxs, options,
-      Threads(num_threads), &refined.positions, &refined.points);
+      Threads(num_threads), &refined.placed);
   return refined;
 }
 
@@ -160,8 +160,8 @@ TEST_P(RigTest, OptimumWithPointsIsAMinimumOfTheObjective) {
   const Refined refined = RefineAll(stages, Tight());
   ASSERT_TRUE(refined.summary.IsUsable()) << refined.summary.message;
   EXPECT_LT(refined.summary.final_cost, refined.summary.initial_cost);
-  const double cost =
-      CostWithPoints(stages, refined.positions, refined.points, Tight());
+  const double cost = CostWithPoints(stages, refined.placed.positions,
+                                     refined.placed.points, Tight());
   EXPECT_NEAR(cost, refined.summary.final_cost, 1e-6 * cost);
   Random random(2);
   const auto step = [&](double radius) -> Eigen::Vector3d {
@@ -169,8 +169,8 @@ TEST_P(RigTest, OptimumWithPointsIsAMinimumOfTheObjective) {
            Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal());
   };
   for (int trial = 0; trial < 60; ++trial) {
-    Positions positions = refined.positions;
-    TrackPoints points = refined.points;
+    Positions positions = refined.placed.positions;
+    TrackPoints points = refined.placed.points;
     const double radius = std::pow(10.0, random.Uniform(-5.0, -1.0));
     const bool moves_all = trial % 2 == 0;
     // Frame 0 is the gauge.
@@ -199,10 +199,10 @@ TEST_P(RigTest, OptimumOfCamerasIsTheTruthOfExactRays) {
   const Refined refined = RefineCameras(stages, Tight());
   ASSERT_TRUE(refined.summary.IsUsable()) << refined.summary.message;
   PositionEstimate estimate;
-  for (const auto& center : refined.positions.frame_center) {
+  for (const auto& center : refined.placed.positions.frame_center) {
     estimate.frame_center_in_world.emplace_back(center);
   }
-  for (const auto& t : refined.positions.sensor_translation) {
+  for (const auto& t : refined.placed.positions.sensor_translation) {
     estimate.sensor_from_rig_translation.emplace_back(t);
   }
   EXPECT_LT(MeasureCenters(input, estimate).max_relative, 1e-3);
@@ -231,8 +231,10 @@ TEST(BilinearRefinementTest, ThreadsDoNotChangeABit) {
   const Refined one = RefineAll(stages, options, 1);
   const Refined three = RefineAll(stages, options, 3);
   EXPECT_EQ(one.summary.final_cost, three.summary.final_cost);
-  EXPECT_EQ(one.positions.frame_center, three.positions.frame_center);
-  EXPECT_EQ(one.points.point_in_world, three.points.point_in_world);
+  EXPECT_EQ(one.placed.positions.frame_center,
+            three.placed.positions.frame_center);
+  EXPECT_EQ(one.placed.points.point_in_world,
+            three.placed.points.point_in_world);
 }
 
 // Derivatives against central differences.

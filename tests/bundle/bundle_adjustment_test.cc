@@ -372,8 +372,8 @@ void Disconnect(const Scene& scene, int frame_idx, Reconstruction* model) {
 BundleResult Refine(const Simulation& simulation, const FixedPoses& fixed) {
   return RefineReconstruction(
       simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
-      simulation.ground_truth, BundleAdjustmentOptions(), Threads(2), {},
-      fixed);
+      simulation.ground_truth, BundleAdjustmentOptions(), Threads(2),
+      {{}, fixed});
 }
 
 // The cameras of a frame see points together, which say nothing of its place.

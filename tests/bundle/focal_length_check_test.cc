@@ -2,7 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "bundle/bundle_fixtures.h"
+#include "bundle/residual_field.h"
 #include "mgsfm/bundle/uncertainty.h"
 
 namespace mgsfm {
@@ -54,6 +57,39 @@ TEST(FocalLengthCheckTest, RotationsDetermineAFocalLength) {
     const double truth = check.prior_px / 1.02;
     EXPECT_LT(std::abs(check.estimated_px / truth - 1.0),
               5.0 * *check.relative_sigma);
+  }
+}
+
+// Each lens has waves of 1 px that its model lacks.
+TEST(FocalLengthCheckTest, SigmasContainErrorsOfTheLens) {
+  const BundleAdjustmentOptions options;
+  Simulation simulation =
+      WithoutPriors(RigPreset::kStereo, PathPreset::kLoop, 1.0, 400);
+  const auto check = [&](std::vector<double>* factors) {
+    const Reconstruction model = Adjusted(simulation, options);
+    *factors =
+        OverdispersionOfCameras(simulation.scene, model, options.loss_scale_px);
+    return CheckFocalLengths(simulation.scene, model, options, Threads(2));
+  };
+  std::vector<double> independent, dependent;
+  const auto before = check(&independent);
+  for (Image& image : simulation.scene.images) {
+    const double side_px = simulation.scene.cameras[image.camera_idx].width_px;
+    for (Eigen::Vector2f& pixel : image.keypoints_px) {
+      pixel += Eigen::Vector2f(std::sin(6.0 * pixel.y() / side_px + 1.0),
+                               std::cos(6.0 * pixel.x() / side_px));
+    }
+  }
+  const auto after = check(&dependent);
+  ASSERT_EQ(before.size(), after.size());
+  for (size_t i = 0; i < before.size(); ++i) {
+    EXPECT_GE(independent[i], 1.0);
+    EXPECT_LT(independent[i], 2.0);
+    EXPECT_GT(dependent[i], 10.0);
+    EXPECT_GT(*after[i].relative_sigma, 3.0 * *before[i].relative_sigma);
+    // Within three standard deviations of the truth.
+    EXPECT_LT(std::abs(after[i].estimated_px / after[i].prior_px - 1.0),
+              3.0 * *after[i].relative_sigma);
   }
 }
 

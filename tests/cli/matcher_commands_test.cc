@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "cli/running_program.h"
+#include "io/database/sqlite_database.h"
 #include "matching/feature_world.h"
 
 namespace mgsfm {
@@ -222,7 +223,10 @@ TEST_F(MatcherCommands, DatabasesThatCannotBeMatched) {
   WriteTextFile(Path("text.db"), "This is no database.");
   WriteTextFile(Path("empty.db"), "");
   const std::string without_images = Path("without_images.db");
-  { FeatureDatabase(without_images, FeatureDatabase::OpenMode::kOrCreate); }
+  {
+    FeatureDatabase empty(without_images, FeatureDatabase::OpenMode::kOrCreate);
+    DatabaseTransaction(&empty).Commit();
+  }
   for (const std::string& command : AllCommands()) {
     for (const char* name : {"none.db", "text.db"}) {
       ExpectRefused(command, Path(name), HasSubstr(Path(name)));
@@ -262,6 +266,11 @@ TEST_F(MatcherCommands, NoPositions) {
 
 TEST_F(MatcherCommands, ListsThatCannotBeRead) {
   const std::string database = Database("a.db");
+  // As COLMAP 3.8 makes it: what is refused must not add the missing tables.
+  SqliteDatabase::OpenReadWrite(database, database)
+      .Execute(
+          "DROP TABLE frame_data; DROP TABLE frames; DROP TABLE rig_sensors; "
+          "DROP TABLE rigs; DROP TABLE pose_priors");
   const std::string list = Path("list.txt");
   const auto expect_refused = [&](const std::string& text,
                                   const std::string& type,

@@ -93,6 +93,25 @@ def test_the_largest_model_counts(tmp_path):
     assert colmap_model.largest_model(tmp_path / "1") == tmp_path / "1"
 
 
+def test_damaged_models_are_no_models(tmp_path):
+    (tmp_path / "0").mkdir()
+    (tmp_path / "0/images.bin").write_bytes(b"\2\0")
+    assert colmap_model.largest_model(tmp_path) is None
+    with pytest.raises(SystemExit, match="images.bin is not as expected"):
+        colmap_model.read_poses(tmp_path / "0")
+
+
+@pytest.mark.parametrize("keypoints", ["", "\n", "1.5 2.5 -1 3 4 7\n"])
+def test_lines_of_keypoints_may_be_omitted(tmp_path, keypoints):
+    (tmp_path / "images.txt").write_text(
+        "\ufeff# header\n" + "".join(
+            f"{k} 1 0 0 0 {k} 0 0 1 cam 0/{k}.png \n{keypoints}"
+            for k in (1, 2, 3)))
+    assert colmap_model.read_positions(tmp_path) == {
+        f"cam 0/{k}.png": (-k, 0.0, 0.0) for k in (1, 2, 3)}
+    assert colmap_model.num_images(tmp_path) == 3
+
+
 def run_shell(folder, script, time_limit=0):
     return measure.run_logged(["sh", "-c", script], folder / "log", time_limit)
 

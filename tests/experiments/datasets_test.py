@@ -158,11 +158,19 @@ def test_malformed_files_are_named(tmp_path, reader, text, what):
 def test_malformed_calibrations_of_kitti360_are_named(tmp_path):
     pytest.importorskip("numpy")
     from experiments.datasets import kitti360_calibration, mei_camera
-    for reader, what in ((lambda p: mei_camera.read_mei(p), "xi"),
-                         (lambda p: kitti360_calibration.read_matrices(
-                             p, 3, ["image_00"]), "image_00")):
+    def pose(path):
+        return kitti360_calibration.read_matrices(path, 3, {"image_00": 4})
+    gammas = "gamma1: 700.0\ngamma2: 700.0\n"
+    for reader, text, what in (
+            (mei_camera.read_mei, gammas, "xi"),
+            (mei_camera.read_mei, gammas + "xi: -1.0\n", "-1.0"),
+            (mei_camera.read_mei, "xi: 1\ngamma1: -700.0\n", "-700.0"),
+            (pose, gammas, "image_00"),
+            (pose, "image_00: 1 0 0 0 1 0 0 0 1\n", "9 numbers, not 12"),
+            (pose, "image_00: 1 0 0 0 0 nan 0 0 0 0 1 0\n", "not finite"),
+            (pose, "image_00: 2 0 0 0 0 1 0 0 0 0 1 0\n", "no rotation")):
         path = tmp_path / "file.txt"
-        path.write_text("gamma1: 700.0\n")
+        path.write_text(text)
         with pytest.raises(SystemExit) as error:
             reader(path)
         assert str(path) in str(error.value) and what in str(error.value)

@@ -95,6 +95,30 @@ def test_means_and_the_best_of_a_row():
     # A method without a model has registered nothing.
     assert found["registered"].cells()[2] == ["02", "9 / 10", "0 / 10"]
     assert found["position_auc"].cells()[2][2] == "0.0"
+    assert r"\textbf{25.0} & 0.0 \\" in found["position_auc"].latex()
+    assert found["registered"].cells()[-1] == ["mean of 3", "9", "6"]
+    assert found["runtime_seconds"].cells()[-1] == ["mean of 2", "1.50", "1.50"]
+
+
+def test_values_of_one_period_are_compared():
+    table = tables.Table("name", "title", ["s", "a 1", "a 2", "b 1", "b 2"], 0,
+                         max, 2)
+    table.rows = [["0", 1, 8, 2, 7]]
+    assert table.cells("<{}>") == [["0", "1", "<8>", "<2>", "7"]]
+
+
+def test_wide_tables_fit_a_page():
+    names = [f"a_method_of_a_long_name_{k}" for k in range(9)]
+    table = tables.Table("name", "A title", ["sequence", *names], 1)
+    table.rows = [["00", *map(float, range(9))]]
+    lines = table.text().splitlines()
+    assert max(map(len, lines)) <= tables.PAGE_WIDTH
+    assert [word for line in lines for word in line.split()
+            if word in names] == names
+    latex = table.latex()
+    assert latex.count(r"\begin{tabular*}{\textwidth}") == latex.count(
+        r"sequence &") > 1
+    assert latex.count(r"\caption") == 1
 
 
 def test_seeds_are_compared_run_by_run():

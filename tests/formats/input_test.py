@@ -3,6 +3,7 @@
 import json
 import sqlite3
 import struct
+import subprocess
 
 import colmap_files
 import numpy
@@ -175,6 +176,58 @@ def test_other_orders_of_quaternions_are_named(mgsfm, model, drive, tmp_path):
             " ".join([row[0], *(row[k] for k in order), *row[5:]]) + "\n\n"
             for row in rows))
         assert ("x y z w" in mgsfm(*evaluate)) == (order[0] == 2)
+
+
+@pytest.fixture
+def refused(request, tmp_path):
+    """Calls the program, which must fail and write no `out`; returns its
+    error."""
+    program = request.config.getoption("--program").resolve()
+
+    def call(*words):
+        done = subprocess.run(
+            list(map(str, [program, *words, "--output_path",
+                           tmp_path / "out"])),
+            capture_output=True, text=True, check=False)
+        assert done.returncode == 1, done.stdout + done.stderr
+        assert not (tmp_path / "out").exists()
+        return done.stderr
+    return call
+
+
+def test_other_conventions_of_trajectories_are_refused(refused, model, drive,
+                                                       tmp_path):
+    """By the rotations between matched images."""
+    rig = ("--database_path", drive / "database.db", "--rig_config_path",
+           drive / "truth" / "rig_config.json", "--image_timestamps_path",
+           drive / "timestamps.txt")
+    path = tmp_path / "poses"
+    poses = frames_in_order(model)
+
+    def write(time, separator, values_of):
+        path.write_text("".join(
+            separator.join(map(str, [*([time(k)] if time else []),
+                                     *map(float, values_of(pose))])) + "\n"
+            for k, pose in enumerate(poses)))
+
+    def message(kind):
+        return refused("model_converter", "--input_path", path,
+                       "--input_type", kind, *rig)
+    write(lambda k: 0.1 * k, " ",
+          lambda pose: [*pose[:3, 3], *quaternion(pose[:3, :3])])
+    assert "w x y z" in message("tum")
+    write(lambda k: int(1e8) * k, ",", lambda pose: [
+        *pose[:3, 3], *numpy.roll(quaternion(pose[:3, :3]), -1)])
+    assert "x y z w" in message("euroc")
+    write(None, " ", lambda pose: numpy.linalg.inv(pose)[:3].ravel())
+    assert "cam_from_world" in message("kitti")
+
+
+def test_calibrations_in_millimeters_are_refused(refused, drive, tmp_path):
+    rows = ([1, 0, 0, -540], [0, 1, 0, 0], [0, 0, 1, 0])
+    (tmp_path / "chain.yaml").write_text(KALIBR.format(*rows))
+    assert "540" in refused("mapper", "--database_path", drive / "database.db",
+                            "--calibration_path", tmp_path / "chain.yaml")
 
 
 KALIBR = """cam0:

@@ -97,20 +97,33 @@ def test_kitti(model, convert):
 
 
 def test_nvm(model, convert):
+    """The principal point is the center of the image, as none is stored."""
     words = iter(convert("nvm").read_text().split())
     assert next(words) == "NVM_V3"
-    centers = {}
+
+    def take(count):
+        return numpy.array([float(next(words)) for _ in range(count)])
+    cameras = {}
     for _ in range(int(next(words))):
-        name = next(words)
-        values = [float(next(words)) for _ in range(10)]
-        assert values[0] == pytest.approx(707.0912)
-        centers[name] = (colmap_files.rotation_of(*values[1:5]), values[5:8])
-    for image in model.images.values():
-        rotation, center = centers[image.name]
-        assert_allclose(rotation, image.cam_from_world[:3, :3], atol=1e-9)
+        cameras[next(words)] = take(10)
+    poses = []
+    for name, (focal, *pose, radial, _) in cameras.items():
+        assert focal == pytest.approx(707.0912) and radial == 0
+        poses.append((colmap_files.rotation_of(*pose[:4]), pose[4:]))
+        image = next(i for i in model.images.values() if i.name == name)
+        assert_allclose(poses[-1][0], image.cam_from_world[:3, :3], atol=1e-9)
         assert_allclose(
-            center, numpy.linalg.inv(image.cam_from_world)[:3, 3], atol=1e-9)
-    assert int(next(words)) == len(model.points)
+            pose[4:], numpy.linalg.inv(image.cam_from_world)[:3, 3], atol=1e-9)
+    num_points, = take(1)
+    assert num_points == len(model.points)
+    for _ in range(int(num_points)):
+        point, _ = take(3), take(3)
+        for _ in range(int(next(words))):
+            index, _, x, y = take(4)
+            rotation, center = poses[int(index)]
+            in_cam = rotation @ (point - center)
+            pixel = 707.0912 * in_cam[:2] / in_cam[2] + [1226 / 2, 370 / 2]
+            assert_allclose(pixel, [x, y], atol=0.01)
 
 
 def test_bundler(model, convert):

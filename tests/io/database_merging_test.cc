@@ -367,8 +367,10 @@ TEST_F(DatabaseMerging, PrefixesMakeUsableNames) {
 }
 
 TEST_F(DatabaseMerging, DatabasesWithoutImagesAreNoMap) {
-  { FeatureDatabase(Path("a.db"), FeatureDatabase::OpenMode::kOrCreate); }
-  { FeatureDatabase(Path("b.db"), FeatureDatabase::OpenMode::kOrCreate); }
+  for (const char* name : {"a.db", "b.db"}) {
+    FeatureDatabase empty(Path(name), FeatureDatabase::OpenMode::kOrCreate);
+    DatabaseTransaction(&empty).Commit();
+  }
   EXPECT_THAT(ErrorOf([&] { Merge("merged.db"); }),
               HasSubstr("no images to merge"));
   EXPECT_EQ(FilesIn(dir_.path()), (std::set<std::string>{"a.db", "b.db"}));

@@ -87,6 +87,31 @@ TEST_F(FeatureDatabaseTest, AncientTablesCanBeWritten) {
   }
 }
 
+// Missing tables are seen, but added to the file together with the first row.
+TEST_F(FeatureDatabaseTest, OnlyAWriteChangesTheFile) {
+  using Mode = FeatureDatabase::OpenMode;
+  Write(DatabaseSchema::k38);
+  const std::string before = ReadTextFile(Path());
+  {
+    FeatureDatabase database(Path(), Mode::kExisting);
+    EXPECT_TRUE(database.ReadPosePriors().empty());
+    EXPECT_THROW(
+        {
+          DatabaseTransaction transaction(&database);
+          database.AddSingleImageFrame(ImageId(1), CameraId(1));
+          throw Error("refused");
+        },
+        Error);
+    EXPECT_TRUE(database.ReadPosePriors().empty());
+  }
+  EXPECT_TRUE(ReadTextFile(Path()) == before);
+  { FeatureDatabase(Path("new.db"), Mode::kOrCreate); }
+  EXPECT_FALSE(fs::exists(Path("new.db")));
+  FeatureDatabase(Path(), Mode::kExisting)
+      .AddSingleImageFrame(ImageId(1), CameraId(1));
+  EXPECT_EQ(Read().frames.size(), 1u);
+}
+
 TEST_F(FeatureDatabaseTest, PairsMayBeGivenInEitherOrder) {
   Write(DatabaseSchema::k312);
   Execute("PRAGMA user_version = 4020000");  // absent values are NULL

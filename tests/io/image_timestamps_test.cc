@@ -96,6 +96,17 @@ TEST_F(ImageTimestampsTest, OtherUnitsThanSecondsAreRefused) {
   }
 }
 
+TEST_F(ImageTimestampsTest, ImagesOfAFrameAreCloserThanFrames) {
+  scene_ = LoadScene(MakeContents({"a/1.png", "a/2.png", "b/1.png", "b/2.png"}),
+                     {}, Context())
+               .scene;
+  const std::string first = "a/1.png 1\na/2.png 2\n";
+  Read(first + "b/1.png 1.4\nb/2.png 2.4\n");
+  EXPECT_THAT(ErrorOfText(first + "b/1.png 3\nb/2.png 4\n"),
+              AllOf(HasSubstr("times.txt"), HasSubstr("2 s"), HasSubstr("1 s"),
+                    HasSubstr("frame_max_time_difference_s")));
+}
+
 TEST_F(ImageTimestampsTest, TimesIncreaseInTheOrderOfNames) {
   for (const char* time : {"2", "2.5"}) {
     EXPECT_THAT(ErrorOfText("a b/9.png 2\na b/10.png 3\na b/2.png " +

@@ -15,6 +15,7 @@
 #include "io/exchange/ply.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "support/error_of.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -328,6 +329,9 @@ TEST_F(Import, FisheyesOfInstantNgp) {
                                      "camera_model": "OPENCV",)",
                            ""),
                 HasSubstr("contradicts"));
+  ExpectRefused("t.json",
+                Transforms(size + R"("is_fisheye": true, "p2": 0.01,)", ""),
+                HasSubstr("tangential"));
   // The angle of a fisheye does not define its focal length.
   ExpectRefused("t.json",
                 Transforms(R"("is_fisheye": true, "camera_angle_x": 1.0,
@@ -428,13 +432,35 @@ TEST_F(Import, PointsOfPlyFilesAreRead) {
   EXPECT_THROW((void)ReadPly(Path("b.ply")), Error);
 }
 
+TEST_F(Import, PlyFilesHaveWhatTheirHeaderSays) {
+  const auto error = [&](const std::string& format, const std::string& axes,
+                         const std::string& content) {
+    std::string text =
+        "ply\nformat " + format + " 1.0\nelement vertex 1\nproperty ";
+    for (const char axis : axes)
+      text += std::string("uchar ") + axis + "\n" +
+              (axis == axes.back() ? "" : "property ");
+    WriteTextFile(Path("d.ply"), text + "end_header\n" + content);
+    return ErrorOf([&] { (void)ReadPly(Path("d.ply")); });
+  };
+  EXPECT_EQ(error("ascii", "xyz", "1 2 3\n"), "no error");
+  EXPECT_EQ(error("binary_little_endian", "xyz", "123"), "no error");
+  for (const char* format : {"ascii", "binary_little_endian"}) {
+    EXPECT_THAT(error(format, "xyz", "1 2 3\n4 5 6\n"),
+                HasSubstr("more points"));
+    EXPECT_THAT(error(format, "xzw", "1 2 3\n"), HasSubstr("coordinate y"));
+    EXPECT_THAT(error(format, "xyx", "1 2 3\n"), HasSubstr("coordinate x"));
+  }
+}
+
 // The values decide whether colours in floating point end at 1 or at 255.
 TEST_F(Import, ColoursOfPlyFilesMayBeShares) {
   const auto color = [&](const std::string& rgb) {
     WriteTextFile(Path("c.ply"),
                   "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+                  "property float y\nproperty float z\n"
                   "property float red\nproperty float green\n"
-                  "property float blue\nend_header\n1 " +
+                  "property float blue\nend_header\n1 2 3 " +
                       rgb + "\n");
     return ReadPly(Path("c.ply")).at(0).color;
   };

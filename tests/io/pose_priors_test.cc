@@ -126,6 +126,30 @@ TEST_F(PosePriorsTest, NamesWhatIsWrong) {
   EXPECT_THAT(ErrorOfRows({}), HasSubstr("no positions"));
 }
 
+// GPS is in metres, so that a rig of that length cannot be in metres, too.
+TEST_F(PosePriorsTest, RigsInMillimetresContradictGps) {
+  SceneLoadingOptions loading;
+  loading.rig_config_path = Path("rig.json");
+  WriteTextFile(*loading.rig_config_path,
+                R"([{"cameras": [{"image_prefix": "a/", "ref_sensor": true},
+      {"image_prefix": "b/", "cam_from_rig_rotation": [1, 0, 0, 0],
+       "cam_from_rig_translation": [-540, 0, 0]}]}])");
+  const Scene scene =
+      LoadScene(MakeContents({"a/0.png", "b/0.png"}), loading, Context()).scene;
+  const auto make = [&](CoordinateSystem system) {
+    return ErrorOf([&] {
+      (void)MakePositionPriors(
+          scene,
+          {{scene.images[0].id, system, {49.0, 8.0, 100.0}, std::nullopt}},
+          "in.db", options_);
+    });
+  };
+  EXPECT_THAT(
+      make(CoordinateSystem::kWgs84),
+      AllOf(HasSubstr("in.db"), HasSubstr("540"), HasSubstr("millimetres")));
+  EXPECT_EQ(make(CoordinateSystem::kCartesian), "no error");
+}
+
 TEST_F(PosePriorsTest, ReadsFiles) {
   options_.ref_images_path = Path("positions.txt");
   WriteTextFile(*options_.ref_images_path,

@@ -154,13 +154,34 @@ TEST_F(TrajectoryIo, ReadsEurocCalibration) {
                 .norm(),
             1e-12);
   for (const std::string& bad :
-       {std::string("rate_hz: 20\n"), before, before + "data: [1, 0",
-        before + "data: [1, 0, 0]\n",
-        before + "data: [2,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]\n"}) {
+       {std::string("rate_hz: 20\n"), before, before + "  data: [1, 0, 0]\n",
+        before + "  rows: 4\n  data: [2,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]\n"}) {
     EXPECT_THAT(ErrorOf([&] { ReadEurocCalibration(Put(bad)); }),
                 AllOf(HasSubstr(path_.string()), HasSubstr("T_BS")))
         << bad;
   }
+  EXPECT_THAT(
+      ErrorOf([&] { ReadEurocCalibration(Put(before + "  data: [1, 0")); }),
+      AllOf(HasSubstr(path_.string()), HasSubstr("line")));
+  // What is commented out is no matrix.
+  EXPECT_THAT(ErrorOf([&] {
+                ReadEurocCalibration(
+                    Put("# T_BS: {rows: 4, cols: 4, data: [1,0,0,0,0,1,0,0,"
+                        "0,0,1,0,0,0,0,1]}\nrate_hz: 20\n"));
+              }),
+              HasSubstr("T_BS"));
+}
+
+TEST_F(TrajectoryIo, TimesAreInOrderAndDiffer) {
+  const std::string pose = " 1 2 3 0 0 0 1\n";
+  const auto poses = ReadTumPoses(Put("2" + pose + "1" + pose + "2" + pose));
+  ASSERT_EQ(poses.size(), 2u);
+  EXPECT_EQ(poses[0].timestamp_s, 1.0);
+  EXPECT_EQ(poses[1].timestamp_s, 2.0);
+  EXPECT_THAT(
+      ErrorOf([&] { ReadTumPoses(Put("2" + pose + "2 1 2 4 0 0 0 1\n")); }),
+      AllOf(HasSubstr(path_.string()), HasSubstr("2.0"),
+            HasSubstr("two different poses")));
 }
 
 }  // namespace

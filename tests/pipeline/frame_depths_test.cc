@@ -18,9 +18,9 @@ constexpr double kMinParallaxDeg = 0.5;
 FrameDepths Measure(const Simulation& simulation, int num_threads = 1) {
   const Scene& scene = simulation.scene;
   const FramePairIndex index(scene, simulation.view_graph);
-  const EstimatedRotations rotations =
-      EstimateRotations(scene, index, simulation.view_graph, {},
-                        RotationAveragingOptions(), {}, Context());
+  const EstimatedRotations rotations = EstimateRotations(
+      {scene, simulation.view_graph, index},
+      {RotationAveragingOptions(), PairFilteringOptions()}, Context());
   return MeasureFrameDepths(scene, ComputeBearings(scene, scene.cameras, 1),
                             index, simulation.view_graph, rotations.estimate,
                             kMinParallaxDeg, 1.0, Threads(num_threads));

@@ -133,6 +133,22 @@ TEST(LensTest, WrongExifIsCorrected) {
   }
 }
 
+// Planar scenes contradict EXIF with certainty, and wrongly.
+TEST(LensTest, PairsThatContradictExifAreNoStart) {
+  const Camera exif{CameraId(1), CameraModelId::kSimpleRadial, 1000,
+                    800,         {1000.0, 500.0, 400.0, 0.0},  true};
+  const auto start = [&](double focal_px, double sigma) {
+    FocalLengthResult of_pairs;
+    of_pairs.cameras = WithoutExif({exif});
+    of_pairs.cameras[0].params[0] = focal_px;
+    of_pairs.estimates.push_back({0, 1000.0, focal_px, sigma, 100, ""});
+    return StartOfLenses({exif}, of_pairs)[0].params[0];
+  };
+  EXPECT_EQ(start(1200.0, 0.02), 1200.0);
+  EXPECT_EQ(start(1200.0, 0.2), 1000.0);  // less certain than EXIF
+  EXPECT_EQ(start(500.0, 0.02), 1000.0);
+}
+
 TEST(LensTest, KnownLensesAreNotChanged) {
   const Simulation drive = Drive(PathPreset::kCurve);
   const MapperInput input{drive.scene, drive.view_graph};

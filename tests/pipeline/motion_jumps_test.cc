@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <set>
@@ -48,6 +49,19 @@ class Drive {
     }
   }
 
+  // Expects frames from one to another to stand nearly still.
+  void ExpectStop(int first, int last) {
+    for (size_t i = 0; i < expected_.size(); ++i) {
+      const ImagePair& pair = simulation_.view_graph.pairs[i];
+      const int frame1 = FrameOf(pair.image_idx1);
+      const int frame2 = FrameOf(pair.image_idx2);
+      if (frame1 != frame2 && std::min(frame1, frame2) >= first &&
+          std::max(frame1, frame2) <= last) {
+        expected_[i]->translation *= 0.05;
+      }
+    }
+  }
+
   // Moves the later frames away from the others, in steps of one frame.
   void PullApart(double num_steps) {
     auto& poses = simulation_.ground_truth.rig_from_world;
@@ -82,6 +96,10 @@ class Drive {
  private:
   Rigid3 CamFromWorld(int image_idx) const {
     return *simulation_.ground_truth.CamFromWorld(simulation_.scene, image_idx);
+  }
+
+  int FrameOf(int image_idx) const {
+    return simulation_.scene.images[image_idx].frame_idx;
   }
 
   Simulation simulation_;
@@ -148,6 +166,30 @@ TEST(MotionJumps, AreWhereTheRigMovesSideways) {
     return step.norm() * step.cross(Eigen::Vector3d::UnitY()).normalized();
   });
   ExpectJumpsToAllLaterFrames(drive);
+}
+
+// An object that moves along with the rig gave all depths there.
+TEST(MotionJumps, AreNotWhereOnlyTheExpectedMotionStops) {
+  Drive drive;
+  drive.ExpectStop(10, 20);
+  EXPECT_TRUE(drive.FindJumps().empty());
+}
+
+// The image pairs of such an object decided where the model is.
+TEST(MotionJumps, AreWhereOnlyTheModelStops) {
+  Drive drive;
+  int i = 0;
+  drive.ChangeSteps([&](const Eigen::Vector3d& step) {
+    ++i;
+    return Eigen::Vector3d((i > 10 && i <= 20 ? 0.05 : 1.0) * step);
+  });
+  std::set<int> frames;
+  for (const auto& [frame1, frame2] : drive.FindJumps()) {
+    frames.insert({frame1, frame2});
+  }
+  for (int frame = 10; frame <= 20; ++frame) {
+    EXPECT_TRUE(frames.count(frame) == 1) << frame;
+  }
 }
 
 TEST(MotionJumps, NeedExpectedPoses) {

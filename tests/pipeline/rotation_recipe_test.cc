@@ -19,9 +19,9 @@ using Eigen::Quaterniond;
 
 EstimatedRotations Estimate(const Scene& scene, const ViewGraph& view_graph,
                             const PairFilteringOptions& filtering = {}) {
-  return EstimateRotations(scene, FramePairIndex(scene, view_graph), view_graph,
-                           {}, RotationAveragingOptions(), filtering,
-                           Context());
+  return EstimateRotations(
+      {scene, view_graph, FramePairIndex(scene, view_graph)},
+      {RotationAveragingOptions(), filtering}, Context());
 }
 
 EstimatedRotations Estimate(const Simulation& simulation,

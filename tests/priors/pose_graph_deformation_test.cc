@@ -99,14 +99,14 @@ DeformedModel Deform(const Simulation& simulation, const Reconstruction& start,
   DeformedModel result;
   result.model = start;
   PositionRegistration registration = RegisterToPriors(
-      simulation.scene, priors, {}, is_metric, 0, &result.model);
+      simulation.scene, priors, {{}, is_metric}, &result.model);
   EXPECT_TRUE(registration.summary.is_registered);
   result.before = Compare(simulation, result.model);
   result.used = registration.used;
   const Mask all(simulation.view_graph.pairs.size(), true);
-  result.deformation =
-      DeformToPriors(simulation.scene, simulation.view_graph, all, priors,
-                     is_metric, {}, &result.used, &result.model);
+  result.deformation = DeformToPriors(
+      {simulation.scene, simulation.view_graph, all, priors, is_metric}, {},
+      &result.used, &result.model);
   return result;
 }
 
@@ -153,9 +153,10 @@ TEST(PoseGraphDeformationTest, ConsistentModelIsBitwiseUnchanged) {
   Reconstruction model = simulation.ground_truth;
   PositionPriors used = priors;
   const Mask all(simulation.view_graph.pairs.size(), true);
-  EXPECT_FALSE(DeformToPriors(simulation.scene, simulation.view_graph, all,
-                              priors, false, {}, &used, &model)
-                   .has_value());
+  EXPECT_FALSE(
+      DeformToPriors({simulation.scene, simulation.view_graph, all, priors}, {},
+                     &used, &model)
+          .has_value());
   for (size_t f = 0; f < model.rig_from_world.size(); ++f) {
     EXPECT_EQ(model.rig_from_world[f]->translation,
               simulation.ground_truth.rig_from_world[f]->translation);

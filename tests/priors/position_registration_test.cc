@@ -45,8 +45,7 @@ TEST(PositionRegistrationTest, RecoversTheWorldDespiteOutliers) {
   Reconstruction model = simulation.ground_truth;
   TransformWorld(kModelFromWorld, &model);
   const PositionPriors priors = MeasuredPositions(simulation, 0.1, 0.3);
-  auto [summary, used] = RegisterToPriors(simulation.scene, priors, {},
-                                          /*is_metric=*/false, 0, &model);
+  auto [summary, used] = RegisterToPriors(simulation.scene, priors, {}, &model);
   EXPECT_TRUE(summary.is_registered);
   EXPECT_EQ(summary.message, "");
   EXPECT_EQ(summary.num_priors, 30);
@@ -67,7 +66,7 @@ TEST(PositionRegistrationTest, MostPositionsMayBeOutliers) {
   const auto distance = [&](OutlierRule rule) {
     Reconstruction model = simulation.ground_truth;
     TransformWorld(kModelFromWorld, &model);
-    RegisterToPriors(simulation.scene, priors, {}, false, 0, &model, rule);
+    RegisterToPriors(simulation.scene, priors, {{}, false, 0, rule}, &model);
     return MaxDistance(simulation, model);
   };
   EXPECT_LT(distance(OutlierRule::kFixedBound), 0.3);
@@ -79,8 +78,8 @@ TEST(PositionRegistrationTest, LeastSquaresUsesAllPositions) {
   Reconstruction model = simulation.ground_truth;
   TransformWorld(kModelFromWorld, &model);
   const PositionRegistration registration = RegisterToPriors(
-      simulation.scene, MeasuredPositions(simulation, 0.1, 0.0), {}, false, 0,
-      &model, OutlierRule::kNone);
+      simulation.scene, MeasuredPositions(simulation, 0.1, 0.0),
+      {{}, false, 0, OutlierRule::kNone}, &model);
   int num_used = 0;
   for (const auto& prior : registration.used.images) num_used += prior ? 1 : 0;
   EXPECT_EQ(num_used, 30);
@@ -95,7 +94,7 @@ TEST(PositionRegistrationTest, MetricModelKeepsItsUnit) {
   for (auto& prior : priors.images) {
     if (prior) prior->position *= 1.01;
   }
-  RegisterToPriors(simulation.scene, priors, {}, /*is_metric=*/true, 0, &model);
+  RegisterToPriors(simulation.scene, priors, {{}, /*is_metric=*/true}, &model);
   EXPECT_NEAR(model.sensor_from_rig[1]->translation.norm(),
               simulation.ground_truth.sensor_from_rig[1]->translation.norm(),
               1e-9);
@@ -120,7 +119,7 @@ TEST(PositionRegistrationTest, CamerasOnALineAreUpright) {
   Reconstruction model = simulation.ground_truth;
   TransformWorld(kModelFromWorld, &model);
   const PositionPriorSummary summary =
-      RegisterToPriors(simulation.scene, priors, {}, false, 0, &model).summary;
+      RegisterToPriors(simulation.scene, priors, {}, &model).summary;
   EXPECT_NE(summary.message.find("upright"), std::string::npos);
   EXPECT_LT(AngleBetween(model.rig_from_world[0]->rotation,
                          simulation.ground_truth.rig_from_world[0]->rotation),
@@ -131,8 +130,7 @@ TEST(PositionRegistrationTest, WithoutExtentTheModelKeepsItsWorld) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kStanding));
   Reconstruction model = simulation.ground_truth;
   const PositionRegistration registration = RegisterToPriors(
-      simulation.scene, MeasuredPositions(simulation, 0.5, 0.0), {}, false, 0,
-      &model);
+      simulation.scene, MeasuredPositions(simulation, 0.5, 0.0), {}, &model);
   EXPECT_FALSE(registration.summary.is_registered);
   EXPECT_NE(registration.summary.message, "");
   EXPECT_TRUE(registration.used.IsEmpty());

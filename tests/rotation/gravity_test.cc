@@ -193,9 +193,10 @@ double MaxTiltDeg(const Simulation& simulation,
 
 RotationResult Average(const Simulation& simulation,
                        const GravityPriors& gravity) {
-  return AverageRotations(simulation.scene, simulation.view_graph,
-                          Mask(simulation.view_graph.pairs.size(), true),
-                          nullptr, {}, {}, gravity);
+  return AverageRotations(
+      {simulation.scene, simulation.view_graph,
+       Mask(simulation.view_graph.pairs.size(), true), nullptr, gravity},
+      {}, {});
 }
 
 TEST(Gravity, KeepsAWeakChainLevel) {

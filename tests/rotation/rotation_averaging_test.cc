@@ -28,7 +28,7 @@ Mask All(const ViewGraph& view_graph) {
 }
 
 RotationResult Average(const Scene& scene, const ViewGraph& view_graph) {
-  return AverageRotations(scene, view_graph, All(view_graph), nullptr,
+  return AverageRotations({scene, view_graph, All(view_graph)},
                           RotationAveragingOptions(), Context());
 }
 
@@ -180,8 +180,8 @@ TEST(RotationAveraging, UnlinkedSensorOnAStraightPathIsNotObservable) {
     if (level == LogLevel::kWarning) warnings.push_back(message);
   };
   const RotationResult result = AverageRotations(
-      simulation.scene, simulation.view_graph, All(simulation.view_graph),
-      nullptr, RotationAveragingOptions(), context);
+      {simulation.scene, simulation.view_graph, All(simulation.view_graph)},
+      RotationAveragingOptions(), context);
   EXPECT_FALSE(result.estimate.sensor_from_rig[1].has_value());
   EXPECT_FALSE(result.summary.sensors[1].is_observable);
   EXPECT_THAT(result.summary.sensors[1].message, HasSubstr("not observable"));
@@ -422,7 +422,7 @@ TEST(RotationAveraging, ViewGraphsWithoutRelativePosesAreRejected) {
   const auto expect_error = [&](const Mask& pair_is_used, const char* count) {
     try {
       const RotationResult result = AverageRotations(
-          simulation.scene, simulation.view_graph, pair_is_used, nullptr,
+          {simulation.scene, simulation.view_graph, pair_is_used},
           RotationAveragingOptions(), Context());
       ADD_FAILURE() << "no error";
     } catch (const Error& error) {
@@ -459,9 +459,9 @@ TEST(RotationAveraging, UsesItsPairsAndItsStart) {
   }
   const auto average = [&](const Mask& pair_is_used,
                            const RotationEstimate* start) {
-    return AverageRotations(simulation.scene, simulation.view_graph,
-                            pair_is_used, start, RotationAveragingOptions(),
-                            Context());
+    return AverageRotations(
+        {simulation.scene, simulation.view_graph, pair_is_used, start},
+        RotationAveragingOptions(), Context());
   };
   const RotationResult right = average(is_right, nullptr);
   for (size_t i = 0; i < is_right.size(); ++i) {

@@ -136,6 +136,16 @@ TEST(SplitRig, LaterFramesGetSensorsOfTheirOwn) {
   }
 }
 
+// Names may be in another order than times.
+TEST(SplitRig, LaterFramesAreThoseOfLaterTimes) {
+  Scene scene = MakeScene();
+  for (Image& image : scene.images) image.timestamp_s = -1.0 * image.frame_idx;
+  EXPECT_THROW((void)SplitRig(scene, scene.frames.back().name), Error);
+  const Scene split = SplitRig(scene, scene.frames[0].name);
+  EXPECT_NE(split.frames[0].rig_idx, split.frames.back().rig_idx);
+  EXPECT_EQ(split.frames.back().rig_idx, scene.frames.back().rig_idx);
+}
+
 TEST(SplitRig, RefusesFramesThatSplitNothing) {
   const Scene scene = MakeScene();
   EXPECT_THROW((void)SplitRig(scene, "no frame"), Error);

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "base/random.h"
 #include "bundle/bundle_fixtures.h"
@@ -22,13 +24,16 @@ FrameTimes TimesOf(const Scene& scene) {
   return times;
 }
 
-RigDelays EstimateOf(const Simulation& drive, const Reconstruction& rigid,
-                     const FrameTimes& times) {
+RigDelays EstimateOf(
+    const Simulation& drive, const Reconstruction& rigid,
+    const FrameTimes& times,
+    const std::vector<std::pair<int, int>>& known_distances = {}) {
   const auto candidates = [&](const Scene&) {
     return FixedCandidates(GroupTracks(drive.ground_truth));
   };
-  const auto delays = EstimateRigDelays(drive.scene, times, candidates, rigid,
-                                        BundleAdjustmentOptions(), Threads(2));
+  const auto delays =
+      EstimateRigDelays(drive.scene, {times, known_distances}, candidates,
+                        rigid, BundleAdjustmentOptions(), Threads(2));
   EXPECT_TRUE(delays.has_value());
   return *delays;
 }
@@ -147,6 +152,71 @@ TEST(RigDelaysTest, CovariancesContainTheErrorsByDelays) {
   AddRigErrors(drive.scene, rigid,
                EstimateOf(drive, rigid, TimesOf(drive.scene)), &covariances);
   EXPECT_LT(mahalanobis(), 3.5);
+}
+
+double PathLength(const Reconstruction& model) {
+  double length = 0.0;
+  for (size_t f = 1; f < model.rig_from_world.size(); ++f) {
+    length += (model.rig_from_world[f]->Center() -
+               model.rig_from_world[f - 1]->Center())
+                  .norm();
+  }
+  return length;
+}
+
+// The error of the unit in stated standard deviations.
+double ErrorOfUnit(const Simulation& drive, const Reconstruction& rigid,
+                   const RigDelays& delays) {
+  EXPECT_TRUE(delays.unit.has_value());
+  return std::abs(
+             std::log(PathLength(drive.ground_truth) / PathLength(rigid))) /
+         delays.unit->RelativeSigma();
+}
+
+// The poses of sensors are known with errors of the order of their priors, or
+// larger ones; the cameras trigger together or not.
+TEST(RigDelaysTest, UnitOfKnownRigIsWithinItsDeviation) {
+  double sum_of_squares = 0.0;
+  int count = 0;
+  for (const double error_deg : {0.0, 0.1, 0.5}) {
+    for (const double offset_ms : {0.0, 15.0}) {
+      SimulationOptions options = DriveOptions(RigPreset::kStereo);
+      options.trigger_offset_ms = offset_ms;
+      options.extrinsics_are_known = true;
+      Simulation drive = Simulate(options, WindingPath(40));
+      Rigid3& known = *drive.scene.sensors[1].sensor_from_rig;
+      known.rotation =
+          ExpSO3(DegToRad(error_deg) * Eigen::Vector3d(0.6, -0.8, 0.0)) *
+          known.rotation;
+      Simulation start = drive;
+      start.ground_truth.sensor_from_rig[1] = known;
+      const Reconstruction rigid = AdjustRigid(start);
+      const RigDelays delays = EstimateOf(drive, rigid, TimesOf(drive.scene));
+      const double error = ErrorOfUnit(drive, rigid, delays);
+      EXPECT_LT(error, 3.0) << error_deg << " deg, " << offset_ms << " ms";
+      sum_of_squares += error * error;
+      ++count;
+    }
+  }
+  EXPECT_LT(sum_of_squares, 2.0 * count);
+}
+
+TEST(RigDelaysTest, UnitOfKnownDistanceIsWithinItsDeviation) {
+  for (const double offset_ms : {0.0, 15.0}) {
+    SimulationOptions options = DriveOptions(RigPreset::kStereo);
+    options.trigger_offset_ms = offset_ms;
+    const Simulation drive = Simulate(options, WindingPath(40));
+    Reconstruction rigid = AdjustRigid(drive);
+    Sim3 metric;
+    metric.scale = drive.ground_truth.sensor_from_rig[1]->translation.norm() /
+                   rigid.sensor_from_rig[1]->translation.norm();
+    TransformWorld(metric, &rigid);
+    const FrameTimes times = TimesOf(drive.scene);
+    EXPECT_FALSE(EstimateOf(drive, rigid, times).unit.has_value());
+    const RigDelays delays = EstimateOf(drive, rigid, times, {{0, 1}});
+    EXPECT_LT(ErrorOfUnit(drive, rigid, delays), 3.0);
+    EXPECT_LT(delays.unit->RelativeSigma(), 0.2);
+  }
 }
 
 }  // namespace

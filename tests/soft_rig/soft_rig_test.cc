@@ -37,7 +37,7 @@ SoftRigDrive EstimateSoftRigOfImages(const SimulationOptions& simulated,
   SoftRigOptions options;
   options.method = method;
   drive.soft =
-      EstimateSoftRig(scene, SeparateImages(scene), candidates, drive.rigid,
+      EstimateSoftRig({scene, SeparateImages(scene), candidates, drive.rigid},
                       options, bundle_options, Threads(num_threads));
   return drive;
 }
@@ -161,7 +161,7 @@ TEST(SoftRigTest, ImagesWithFewObservationsStayAtTheRig) {
   SoftRigOptions soft_options;
   soft_options.method = SoftRig::kSoft;
   const SoftRigResult result =
-      EstimateSoftRig(scene, SeparateImages(scene), candidates, rigid,
+      EstimateSoftRig({scene, SeparateImages(scene), candidates, rigid},
                       soft_options, bundle_options, Threads(2));
   ASSERT_TRUE(result.images.summary.is_usable);
   const Rigid3 in_rig = *result.estimate.CamFromWorld(scene, poor_image_idx);

@@ -30,8 +30,9 @@ MatchSelection Select(const Simulation& simulation, const ViewGraph& view_graph,
   Context context;
   context.num_threads = num_threads;
   return SelectConsistentMatches(
-      simulation.scene, view_graph, Mask(view_graph.pairs.size(), true),
-      simulation.ground_truth, kMaxErrorPx, options, context);
+      {simulation.scene, view_graph, Mask(view_graph.pairs.size(), true),
+       simulation.ground_truth},
+      kMaxErrorPx, options, context);
 }
 
 // The pair with its matches shifted by one, so that hardly any is correct.
@@ -129,9 +130,9 @@ TEST(SelectConsistentMatchesTest, UnknownPosesAndUnusedPairs) {
   const ViewGraph& view_graph = simulation.view_graph;
   Mask pair_is_used(view_graph.pairs.size(), true);
   pair_is_used[0] = false;
-  const MatchSelection selection =
-      SelectConsistentMatches(simulation.scene, view_graph, pair_is_used,
-                              simulation.ground_truth, kMaxErrorPx, {}, {});
+  const MatchSelection selection = SelectConsistentMatches(
+      {simulation.scene, view_graph, pair_is_used, simulation.ground_truth},
+      kMaxErrorPx, {}, {});
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
     const bool is_known =

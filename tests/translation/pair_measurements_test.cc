@@ -23,8 +23,9 @@ std::vector<BaselineDirection> Estimate(const TranslationInput& input,
   const PositionProblem problem =
       MakePositionProblem(input.simulation.scene, input.rotations);
   return EstimateBaselineDirections(
-      input.simulation.scene, input.bearings, input.simulation.view_graph,
-      input.rotations.pair_is_inlier, problem, 0.3, context);
+      {input.simulation.scene, input.bearings, input.simulation.view_graph,
+       input.rotations.pair_is_inlier, problem},
+      0.3, context);
 }
 
 Vector3d TrueBaseline(const TranslationInput& input,

@@ -67,8 +67,9 @@ struct PlainPairs {
     scales.typical_depth = 10.0;
   }
   InitialPositions Initialize(size_t num_frames) const {
-    return InitializePositions(PlainProblem(num_frames), baselines, scales,
-                               Mask(baselines.size(), true), 0.3);
+    return InitializePositions({PlainProblem(num_frames), baselines, scales,
+                                Mask(baselines.size(), true)},
+                               {0.3});
   }
 };
 
@@ -124,7 +125,7 @@ TEST(PositionInitializationTest, PairsOutsideTheMaskDoNotMatter) {
   }
   pairs.scales.group_sizes = used.scales.group_sizes;
   const InitialPositions masked = InitializePositions(
-      PlainProblem(8), pairs.baselines, pairs.scales, pair_is_used, 0.3);
+      {PlainProblem(8), pairs.baselines, pairs.scales, pair_is_used}, {0.3});
   EXPECT_EQ(masked.positions.frame_center,
             used.Initialize(8).positions.frame_center);
 }

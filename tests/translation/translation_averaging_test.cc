@@ -14,8 +14,9 @@ TranslationResult Average(const TranslationInput& input, int num_threads = 1) {
   Context context;
   context.num_threads = num_threads;
   return AverageTranslations(
-      input.simulation.scene, input.bearings, input.simulation.view_graph,
-      input.rotations, input.tracks, TranslationAveragingOptions(), context);
+      {input.simulation.scene, input.bearings, input.simulation.view_graph,
+       input.rotations, input.tracks},
+      TranslationAveragingOptions(), context);
 }
 
 class ExactTest

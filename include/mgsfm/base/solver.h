@@ -5,6 +5,7 @@
 #include <string_view>
 #include <utility>
 
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 
 namespace mgsfm {
@@ -27,7 +28,13 @@ enum class Termination {
   kFailure,        // numerical failure; the estimate must not be used
 };
 
-std::string_view TerminationName(Termination termination);
+template <>
+struct EnumTable<Termination> {
+  static constexpr std::pair<std::string_view, Termination> kNames[] = {
+      {"converged", Termination::kConverged},
+      {"max_iterations", Termination::kMaxIterations},
+      {"failure", Termination::kFailure}};
+};
 
 // Common summary of the iterative solvers.
 struct SolveSummary {
@@ -38,6 +45,12 @@ struct SolveSummary {
   std::string message;
 
   bool IsUsable() const { return termination != Termination::kFailure; }
+
+  auto Fields() const {
+    return Named("termination", termination, "num_iterations", num_iterations,
+                 "initial_cost", initial_cost, "final_cost", final_cost,
+                 "message", message);
+  }
 };
 
 }  // namespace mgsfm

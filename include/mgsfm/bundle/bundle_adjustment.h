@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/solver.h"
@@ -223,11 +224,23 @@ struct BundleRound {
   size_t num_points_after = 0;
   size_t num_observations_before = 0;
   size_t num_observations_after = 0;
+
+  auto Fields() const {
+    return Named("sigma_px", sigma_px, "max_error_px", max_error_px,
+                 "num_points_before", num_points_before, "num_points_after",
+                 num_points_after, "num_observations_before",
+                 num_observations_before, "num_observations_after",
+                 num_observations_after);
+  }
 };
 
 struct DroppedFrame {
   int frame_idx = 0;
   std::string reason;
+
+  auto Fields() const {
+    return Named("frame_id", As<Item::kFrameId>(frame_idx), "reason", reason);
+  }
 };
 
 struct BundleSummary {
@@ -239,6 +252,15 @@ struct BundleSummary {
   std::vector<int> sensor_idxs_without_observations;  // kept their initial pose
   // Observations ignored by the last solve: the camera cannot see the point.
   size_t num_invisible_observations = 0;
+
+  auto Fields() const {
+    return Named("solves", solves, "rounds", rounds, "dropped_frames",
+                 dropped_frames, "weak_frames",
+                 As<Item::kFrameId>(weak_frame_idxs),
+                 "sensors_without_observations",
+                 As<Item::kSensorName>(sensor_idxs_without_observations),
+                 "num_invisible_observations", num_invisible_observations);
+  }
 };
 
 struct BundleResult {
@@ -294,6 +316,11 @@ struct FixedPoses {
                                         const BundlePriors& priors = {},
                                         const FixedPoses& fixed = {});
 
+struct RefinementConditions {
+  BundlePriors priors = {};
+  FixedPoses fixed = {};
+};
+
 // Evidence for points and against them.
 struct CandidateSource {
   // Returns groups of keypoints that can be observations of one point. The
@@ -342,8 +369,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     Reconstruction initial, const BundleAdjustmentOptions& options,
-    const Context& context, const BundlePriors& priors = {},
-    const FixedPoses& fixed = {});
+    const Context& context, const RefinementConditions& conditions = {});
 
 // Step 2's triangulation alone, with max_max_error_px as bound. For models
 // without points or with new frames.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
@@ -49,6 +50,12 @@ struct CovarianceResult {
   std::vector<std::optional<PoseMatrix>> frames;
   std::vector<std::optional<PoseMatrix>> sensors;
   std::vector<UnobservableDirection> unobservable;
+
+  auto Fields() const {
+    return Named("is_usable", is_usable, "sigma_px", sigma_px, "fixed_frame",
+                 As<Item::kFrameName>(fixed_frame_idx), "scale_is_fixed",
+                 scale_is_fixed);
+  }
 };
 
 // `options` and `priors` are those of the adjustment of the model. Cost: one
@@ -64,7 +71,9 @@ void ListUnobservable(const Scene& scene, const Reconstruction& reconstruction,
 
 // Standard deviations of intrinsics, per camera of the scene and parameter: 0
 // for constant parameters, empty for cameras without observations. nullopt if
-// the equations cannot be solved. Cost: one linearisation and factorisation.
+// the equations cannot be solved. Residuals that depend on those nearby in the
+// image, as errors of the lens model do, count less
+// (src/bundle/residual_field.h). Cost: one linearisation and factorisation.
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
 ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
                        const BundleAdjustmentOptions& options,
@@ -79,8 +88,8 @@ ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
 //   [min_focal_length_ratio, max_focal_length_ratio], it changed by more than a
 //   factor of two, or a refined distortion parameter exceeds max_extra_param.
 //
-// The standard deviation covers the noise of keypoints and the term of
-// focal_length_start_sigma, but not errors of the camera model.
+// The standard deviation is that of ComputeIntrinsicSigmas(), with the term of
+// focal_length_start_sigma.
 struct FocalLengthCheck {
   int camera_idx = 0;
   // Before and after refinement; the first of two focal lengths.

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 
 namespace mgsfm {
@@ -91,6 +92,14 @@ struct Seam {
   // variances of the three axes. nullopt if the points do not determine them.
   std::optional<double> sigma_position;
   std::optional<double> sigma_rotation_deg;
+
+  // Of both sides alike.
+  auto Fields() const {
+    return Named("num_pairs", num_pairs, "num_tracks", num_tracks, "num_ties",
+                 num_ties, "num_confirmed_matches", num_confirmed,
+                 "num_matches_against", num_against, "sigma_position",
+                 sigma_position, "sigma_rotation_deg", sigma_rotation_deg);
+  }
 };
 
 struct Confidence {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -110,12 +111,25 @@ struct ExtensionSummary {
   struct AddedFrame {
     int pass = 0;  // counted from 1
     ResectedFrame frame;
+
+    auto Fields() const {
+      return Named("frame_id", As<Item::kFrameId>(frame.frame_idx), "name",
+                   As<Item::kFrameName>(frame.frame_idx), "pass", pass,
+                   "num_keypoints", frame.num_keypoints, "num_inliers",
+                   frame.num_inliers);
+    }
   };
   int num_existing_frames = 0;
   int num_passes = 0;  // passes that added frames
   bool frames_are_fixed = false;
   std::vector<AddedFrame> added_frames;
   std::vector<PlacedSensor> placed_sensors;
+
+  auto Fields() const {
+    return Named("num_existing_frames", num_existing_frames, "frames_are_fixed",
+                 frames_are_fixed, "num_passes", num_passes, "added_frames",
+                 added_frames);
+  }
 };
 
 }  // namespace mgsfm

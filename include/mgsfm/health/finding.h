@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 
 namespace mgsfm {
@@ -69,6 +70,11 @@ struct Finding {
   std::vector<std::pair<std::string, double>> evidence;  // name and value
   std::string text;    // what was found, one sentence without a full stop
   std::string remedy;  // what to do, likewise
+
+  auto Fields() const {
+    return Named("cause", cause, "cameras", cameras, "frames", frames, "text",
+                 text, "remedy", remedy, "evidence", evidence);
+  }
 };
 
 }  // namespace mgsfm

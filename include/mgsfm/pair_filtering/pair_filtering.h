@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/scene.h"
@@ -220,6 +221,15 @@ struct RejectedGroup {
   int last_frame_idx1 = 0;
   int first_frame_idx2 = 0;
   int last_frame_idx2 = 0;
+
+  auto Fields() const {
+    using Range = std::vector<int>;
+    return Named(
+        "num_pairs", pair_idxs.size(), "frames1",
+        As<Item::kFrameName>(Range{first_frame_idx1, last_frame_idx1}),
+        "frames2",
+        As<Item::kFrameName>(Range{first_frame_idx2, last_frame_idx2}));
+  }
 };
 
 // One line for the user: how many pairs between which frames, and what they may

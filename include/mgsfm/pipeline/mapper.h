@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
@@ -162,6 +163,11 @@ struct MapperModel {
 struct UnregisteredFrame {
   int frame_idx = 0;
   std::string reason;
+
+  auto Fields() const {
+    return Named("frame_id", As<Item::kFrameId>(frame_idx), "name",
+                 As<Item::kFrameName>(frame_idx), "reason", reason);
+  }
 };
 
 // The source of the focal length of a camera.
@@ -189,11 +195,29 @@ struct LensChoice {
   CameraModelId model = CameraModelId::kSimpleRadial;
   std::string reason = {};  // empty if the model was given
   LensSource start = LensSource::kGuess;
+
+  auto Fields() const {
+    return Named("camera_id", As<Item::kCameraId>(camera_idx), "model", model,
+                 "reason", reason);
+  }
 };
 
 struct LensSummary {
   int num_rounds = 0;  // maps before the last one, with lenses that changed
   std::vector<LensChoice> lenses;
+
+  auto Fields() const {
+    return Named("num_rounds", num_rounds, "cameras", lenses);
+  }
+};
+
+// The parts of all images of a sensor that show what moves along with the rig
+// during the whole recording: equal cells, row by row.
+struct FixedRegion {
+  int sensor_idx = 0;
+  int num_rows = 0;
+  int num_columns = 0;
+  Mask is_fixed;
 };
 
 struct MapperResult {
@@ -206,6 +230,7 @@ struct MapperResult {
   // Pairs of the view graph that were rejected, by reason. Empty for an
   // extended model.
   std::vector<RejectionCount> rejected_pairs;
+  std::vector<FixedRegion> fixed_regions;  // of the sensors that have some
   RotationSummary rotation;
   // Why measured gravity was not used; nullopt: it was, or there is none.
   std::optional<std::string> gravity_rejection;

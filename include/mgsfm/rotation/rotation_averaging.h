@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/solver.h"
@@ -122,6 +123,12 @@ struct SensorRotationSummary {
   std::optional<double> median_deviation_deg;  // of the samples
   bool is_observable = false;
   std::string message;  // how it was estimated, or why it was not
+
+  auto Fields() const {
+    return Named("is_observable", is_observable, "num_samples", num_samples,
+                 "median_deviation_deg", median_deviation_deg, "message",
+                 message);
+  }
 };
 
 struct RotationSummary {
@@ -136,6 +143,17 @@ struct RotationSummary {
   int num_components = 0;           // connected components of frames
   std::optional<double> median_error_deg;  // of the pairs kept by step 5
   std::optional<GravitySummary> gravity;   // if there are priors
+
+  // Of the rotations as a whole.
+  auto Fields() const {
+    return Named("gravity", gravity, "images", images, "frames", frames,
+                 "joint", joint, "num_components", num_components,
+                 "median_error_deg", median_error_deg, "dropped",
+                 Named("without_relative_rotation", num_pairs_without_rotation,
+                       "of_unobservable_sensors", num_pairs_unobservable,
+                       "inconsistent", num_pairs_dropped, "unsupported_bridges",
+                       num_unsupported_bridges));
+  }
 };
 
 struct RotationResult {
@@ -143,12 +161,20 @@ struct RotationResult {
   RotationSummary summary;
 };
 
-// Averages the relative rotations of the pairs in `pair_is_used`, once. With
-// `start` (null: none), frames that it contains start there, and L1 averaging
-// is skipped. Throws Error if no used pair has a relative pose.
+struct RotationAveragingInput {
+  const Scene& scene;
+  const ViewGraph& view_graph;
+  const Mask& pair_is_used;
+  // Frames that it contains start there, and L1 averaging is skipped; null:
+  // none.
+  const RotationEstimate* start = nullptr;
+  const GravityPriors& gravity = kNoGravity;
+};
+
+// Averages the relative rotations of the used pairs, once. Throws Error if none
+// of them has a relative pose.
 [[nodiscard]] RotationResult AverageRotations(
-    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
-    const RotationEstimate* start, const RotationAveragingOptions& options,
-    const Context& context, const GravityPriors& gravity = {});
+    const RotationAveragingInput& input,
+    const RotationAveragingOptions& options, const Context& context);
 
 }  // namespace mgsfm

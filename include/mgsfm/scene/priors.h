@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "mgsfm/base/fields.h"
+
 namespace mgsfm {
 
 // The measured position of a camera centre, for example by GPS, in metres or
@@ -36,6 +38,7 @@ struct GravityPriors {
 
   bool IsEmpty() const { return images.empty(); }
 };
+inline const GravityPriors kNoGravity;
 
 // The extent of a pose-graph deformation: the largest displacement, in the unit
 // of the positions, and rotation of a frame. See
@@ -43,6 +46,10 @@ struct GravityPriors {
 struct ModelDeformation {
   double max_shift = 0.0;
   double max_rotation_deg = 0.0;
+
+  auto Fields() const {
+    return Named("max_shift", max_shift, "max_rotation_deg", max_rotation_deg);
+  }
 };
 
 // The use of measured positions in one model. Lengths are in their unit.
@@ -50,6 +57,11 @@ struct PositionPriorSummary {
   struct Outlier {
     int image_idx = 0;
     double distance = 0.0;  // from the position to the image's centre
+
+    auto Fields() const {
+      return Named("image", As<Item::kImageName>(image_idx), "distance",
+                   distance);
+    }
   };
   bool is_registered = false;  // the model is in the world of the positions
   std::string message;         // why it is not, or what was assumed
@@ -59,6 +71,12 @@ struct PositionPriorSummary {
   std::optional<double> rms;                    // distance of those used
   // Not used, or more than 4 standard deviations from the final model.
   std::vector<Outlier> outliers;
+
+  auto Fields() const {
+    return Named("is_registered", is_registered, "message", message,
+                 "num_priors", num_priors, "num_used", num_used, "rms", rms,
+                 "deformation", deformation, "outliers", outliers);
+  }
 };
 
 // The agreement of measured directions of gravity with estimated rotations.
@@ -66,12 +84,22 @@ struct GravitySummary {
   struct Outlier {
     int image_idx = 0;
     double error_deg = 0.0;
+
+    auto Fields() const {
+      return Named("image", As<Item::kImageName>(image_idx), "error_deg",
+                   error_deg);
+    }
   };
   int num_priors = 0;  // of images with a rotation
   // The assumed standard deviation, or the robust estimate if that is larger.
   double sigma_deg = 0.0;
   std::optional<double> median_error_deg;
   std::vector<Outlier> outliers;
+
+  auto Fields() const {
+    return Named("num_priors", num_priors, "median_error_deg", median_error_deg,
+                 "outliers", outliers);
+  }
 };
 
 }  // namespace mgsfm

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/solver.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
@@ -130,6 +131,21 @@ struct SoftRigSensor {
   std::optional<double> time_offset_s;
   std::optional<double> time_offset_sigma_s;
   std::string message;  // why there is no time offset
+
+  auto Fields() const {
+    return Named(
+        "name", As<Item::kSensorName>(sensor_idx), "num_images", num_images,
+        "is_rigid", is_rigid, "sigma_rotation_deg",
+        InDegrees{sigma_rotation_rad}, "sigma_position", sigma_position,
+        "rms_rotation_deg", InDegrees{rms_rotation_rad}, "max_rotation_deg",
+        InDegrees{max_rotation_rad}, "rms_position", rms_position,
+        "max_position", max_position, "mean_error_before_px",
+        mean_error_before_px, "mean_error_after_px", mean_error_after_px,
+        "num_observations_before", num_observations_before,
+        "num_observations_after", num_observations_after, "time_offset_s",
+        time_offset_s, "time_offset_sigma_s", time_offset_sigma_s, "message",
+        message);
+  }
 };
 
 struct SoftRigSummary {
@@ -139,6 +155,12 @@ struct SoftRigSummary {
   double sigma_px = 0.0;  // final noise of the keypoints
   std::vector<SolveSummary> solves;
   std::vector<SoftRigSensor> sensors;  // of rigs with several sensors
+
+  auto Fields() const {
+    return Named("is_usable", is_usable, "has_converged", has_converged,
+                 "message", message, "noise_px", sigma_px, "solves", solves,
+                 "sensors", sensors);
+  }
 };
 
 struct SoftRigImages {
@@ -152,16 +174,21 @@ struct SoftRigResult {
   SoftRigImages images;
 };
 
-// Refines `initial`, a model of `scene` after bundle adjustment with
-// `bundle_options` and `priors`. `separate` is SeparateImages(scene), and
-// `candidates` gives groups of keypoints for its models; if empty, the points
-// are kept. kTimeOffset needs the timestamps of all images. The result is not
-// usable if no frame has two registered images or if a solve fails.
+struct SoftRigInput {
+  const Scene& scene;
+  const Scene& separate;  // SeparateImages(scene)
+  // Groups of keypoints for models of `separate`; if empty, the points are
+  // kept.
+  const CandidateSource& candidates;
+  const Reconstruction& initial;  // after bundle adjustment
+  BundlePriors priors = {};       // of bundle adjustment
+};
+
+// Refines a model after bundle adjustment with `bundle_options`. kTimeOffset
+// needs the timestamps of all images. The result is not usable if no frame has
+// two registered images or if a solve fails.
 [[nodiscard]] SoftRigResult EstimateSoftRig(
-    const Scene& scene, const Scene& separate,
-    const CandidateSource& candidates, const Reconstruction& initial,
-    const SoftRigOptions& options,
-    const BundleAdjustmentOptions& bundle_options, const Context& context,
-    const BundlePriors& priors = {});
+    const SoftRigInput& input, const SoftRigOptions& options,
+    const BundleAdjustmentOptions& bundle_options, const Context& context);
 
 }  // namespace mgsfm

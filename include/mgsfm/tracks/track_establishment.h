@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/estimates.h"
@@ -42,6 +43,13 @@ struct TrackSummary {
   size_t num_tracks = 0;                     // selected
   size_t num_observations = 0;               // of the selected tracks
   double mean_track_length = 0.0;
+
+  auto Fields() const {
+    return Named("num_components", num_components,
+                 "num_components_with_conflicts", num_components_with_conflicts,
+                 "num_tracks", num_tracks, "num_observations", num_observations,
+                 "mean_track_length", mean_track_length);
+  }
 };
 
 struct TrackResult {
@@ -78,9 +86,14 @@ struct MatchSelection {
 //
 // Pairs without pair_is_used and pairs with an image without pose are not used.
 // Cost: linear in the number of matches.
+struct MatchSelectionInput {
+  const Scene& scene;
+  const ViewGraph& view_graph;
+  const Mask& pair_is_used;
+  const Reconstruction& model;
+};
 [[nodiscard]] MatchSelection SelectConsistentMatches(
-    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
-    const Reconstruction& model, double max_error_px,
+    const MatchSelectionInput& input, double max_error_px,
     const MatchSelectionOptions& options, const Context& context);
 
 // Joins the selected matches into track candidates: sets of keypoints with at

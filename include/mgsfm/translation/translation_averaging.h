@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/solver.h"
 #include "mgsfm/scene/estimates.h"
@@ -70,6 +71,10 @@ struct SensorTranslationSummary {
   // estimate is zero in it.
   int num_unobservable_directions = 0;
   std::string message;  // which directions are not observable, and why
+
+  auto Fields() const {
+    return Named("is_observable", is_observable, "message", message);
+  }
 };
 
 struct TranslationSummary {
@@ -90,6 +95,19 @@ struct TranslationSummary {
   int num_frames_not_placed = 0;  // though their rotations are known
   size_t num_points = 0;
   bool is_metric = false;  // in the unit of the known sensor offsets
+
+  // Of the positions as a whole.
+  auto Fields() const {
+    return Named("initialization", initialization, "camera_refinement",
+                 camera_refinement, "joint_refinement", joint_refinement,
+                 "num_pairs_used", num_pairs_used, "num_pairs_without_parallax",
+                 num_pairs_without_parallax, "num_pairs_inconsistent",
+                 num_pairs_inconsistent,
+                 "num_pairs_inconsistent_with_positions",
+                 num_pairs_inconsistent_with_positions, "num_displaced_steps",
+                 num_displaced_steps, "num_rotation_corrections",
+                 num_rotation_corrections, "num_points", num_points);
+  }
 };
 
 struct TranslationResult {
@@ -97,14 +115,24 @@ struct TranslationResult {
   TranslationSummary summary;
 };
 
-// Averages once and trusts all pairs with rotations.pair_is_inlier; the mapper
-// also filters pairs by their baselines (src/pipeline/position_recipe.h). All
-// frames with a rotation must be in one connected component. Frames that could
-// not be placed and points of `tracks` that could not be triangulated are
-// nullopt.
+struct TranslationAveragingInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const ViewGraph& view_graph;
+  const RotationEstimate& rotations;
+  const ObservationGroups& tracks;
+};
+
+struct TranslationHooks;  // src/translation/translation_stages.h
+
+// Averages once. Trusts all pairs with rotations.pair_is_inlier, unless hooks
+// reject some: those of the mapper filter pairs by their baselines
+// (src/pipeline/position_recipe.h). All frames with a rotation must be in one
+// connected component. Frames that could not be placed and points of `tracks`
+// that could not be triangulated are nullopt.
 [[nodiscard]] TranslationResult AverageTranslations(
-    const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
-    const RotationEstimate& rotations, const ObservationGroups& tracks,
-    const TranslationAveragingOptions& options, const Context& context);
+    const TranslationAveragingInput& input,
+    const TranslationAveragingOptions& options, const Context& context,
+    const TranslationHooks* hooks = nullptr);
 
 }  // namespace mgsfm

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -66,7 +67,7 @@ struct FocalLengthOptions {
       "relative poses are estimated, and then their lenses from maps of some "
       "frames."};
   // Maximum relative standard deviation of an accepted estimate of a focal
-  // length. Less certain ones are a start, and the model names them.
+  // length. Less certain ones are only a start.
   double max_sigma = 0.01;
   // Maximum number of image pairs per camera, selected at equal spacing.
   // Decrease it to save time.
@@ -100,6 +101,12 @@ struct FocalLengthEstimate {
   std::optional<double> sigma;
   int num_pairs = 0;
   std::string message;  // reason of a rejection
+
+  auto Fields() const {
+    return Named("camera_id", As<Item::kCameraId>(camera_idx), "prior_px",
+                 prior_px, "estimated_px", estimated_px, "relative_sigma",
+                 sigma, "num_pairs", num_pairs, "message", message);
+  }
 };
 
 struct FocalLengthResult {

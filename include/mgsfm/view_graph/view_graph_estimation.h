@@ -2,6 +2,7 @@
 #pragma once
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -47,6 +48,17 @@ struct ViewGraphSummary {
   int num_dropped_config = 0;  // DEGENERATE or WATERMARK
   size_t num_matches = 0;      // of all input pairs
   size_t num_inliers = 0;      // of the kept pairs
+
+  auto Fields() const {
+    return Named("num_pairs", num_pairs, "num_matches", num_matches,
+                 "num_inliers", num_inliers, "kept",
+                 Named("pose_from_row", num_from_row, "pose_from_E_F_or_H",
+                       num_decomposed, "pose_estimated_anew", num_reestimated,
+                       "of_these_without_parallax", num_low_parallax),
+                 "dropped",
+                 Named("too_few_inliers", num_dropped_few_inliers,
+                       "degenerate_or_watermark", num_dropped_config));
+  }
 };
 
 struct ViewGraphResult {

@@ -76,7 +76,7 @@ void CheckValues(const CalibratedCamera& camera) {
     if (const auto problem = WhyImplausible(intrinsics)) fail(*problem);
     const auto found =
         camera.size_px ? FindIntrinsicsProblem(intrinsics) : std::nullopt;
-    if (found && (found->is_certain || found->is_of_other_size)) {
+    if (found && (found->is_certain || found->is_misread)) {
       fail(found->text);
     }
   }

@@ -2,6 +2,7 @@
 #include "io/database/feature_database_impl.h"
 
 #include <algorithm>
+#include <exception>
 #include <filesystem>
 #include <limits>
 #include <system_error>
@@ -54,8 +55,12 @@ FeatureDatabase::Impl::Impl(const std::string& path, OpenMode mode) {
   if (mode == OpenMode::kReadOnly) {
     snapshot_.emplace(path);
   } else {
+    std::error_code ignored;
+    const bool is_new = !std::filesystem::exists(path, ignored);
     file_.emplace(OpenOrThrow(path, mode));
+    is_new_ = is_new;
     Lock();
+    CheckTables();
     AddTables();
   }
   SqliteStatement version = database().Prepare("PRAGMA user_version");
@@ -66,64 +71,83 @@ FeatureDatabase::Impl::Impl(const std::string& path, OpenMode mode) {
   images_have_priors_ = database().Columns("images").count("prior_tx") > 0;
 }
 
+FeatureDatabase::Impl::~Impl() {
+  if (!is_new_) return;
+  const std::string path = this->path();
+  file_.reset();
+  std::error_code ignored;
+  std::filesystem::remove(path, ignored);
+}
+
 void FeatureDatabase::Impl::Begin() {
-  MGSFM_CHECK(!is_in_transaction_);
+  MGSFM_CHECK(file_ && !is_in_transaction_);
   prior_columns_before_ = prior_columns_;
-  file().Execute("BEGIN IMMEDIATE");
+  if (!tables_are_pending_) file_->Execute("BEGIN IMMEDIATE");
   is_in_transaction_ = true;
 }
 
 void FeatureDatabase::Impl::Commit() {
-  file().Execute("COMMIT");
+  file_->Execute("COMMIT");
   is_in_transaction_ = false;
+  tables_are_pending_ = false;
+  is_new_ = false;
 }
 
 void FeatureDatabase::Impl::Rollback() noexcept {
   is_in_transaction_ = false;
   prior_columns_.swap(prior_columns_before_);
   try {
-    file().Execute("ROLLBACK");
+    file_->Execute("ROLLBACK");
   } catch (const Error&) {
     // After some failures, SQLite has rolled back already.
+  }
+  if (!tables_are_pending_) return;
+  try {
+    AddTables();
+  } catch (const std::exception&) {
+    // What failed before the rollback is reported.
+    tables_are_pending_ = false;
   }
 }
 
 void FeatureDatabase::Impl::Lock() {
-  file().Execute(kBusyTimeout);
-  file().Execute("PRAGMA locking_mode = EXCLUSIVE");
-  file().Execute("PRAGMA foreign_keys = ON");
-  file().Execute("BEGIN EXCLUSIVE; COMMIT");
+  file_->Execute(kBusyTimeout);
+  file_->Execute("PRAGMA locking_mode = EXCLUSIVE");
+  file_->Execute("PRAGMA foreign_keys = ON");
+  file_->Execute("BEGIN EXCLUSIVE; COMMIT");
 }
 
 bool FeatureDatabase::Impl::IsEmpty() const {
   return !database().Prepare("SELECT 1 FROM sqlite_master LIMIT 1").Step();
 }
 
-void FeatureDatabase::Impl::AddTables() {
-  if (!IsEmpty() && !file().HasTable("images")) {
+void FeatureDatabase::Impl::CheckTables() const {
+  if (!IsEmpty() && !database().HasTable("images")) {
     ThrowDatabaseError(
         path(), "belongs to another program, not to COLMAP; choose a new file");
   }
   for (const char* table : {"cameras", "images", "keypoints", "descriptors",
                             "matches", "two_view_geometries", "pose_priors",
                             "rigs", "rig_sensors", "frames", "frame_data"}) {
-    std::ignore = file().HasTable(table);  // throws if it is none of COLMAP
+    // Throws if it is none of COLMAP.
+    std::ignore = database().HasTable(table);
   }
-  InTransaction([&] {
-    if (file().HasTable("inlier_matches") &&
-        !file().HasTable("two_view_geometries")) {
-      file().Execute(
-          "ALTER TABLE inlier_matches RENAME TO two_view_geometries");
-    }
-    CreateTables(TableLayout::k38And312, &file());
-    const std::set<std::string> columns = file().Columns("two_view_geometries");
-    for (const char* column : {"F", "E", "H", "qvec", "tvec"}) {
-      if (columns.count(column) > 0) continue;
-      file().Execute(
-          std::string("ALTER TABLE two_view_geometries ADD COLUMN ") + column +
-          " BLOB");
-    }
-  });
+}
+
+void FeatureDatabase::Impl::AddTables() {
+  file_->Execute("BEGIN IMMEDIATE");
+  tables_are_pending_ = true;
+  if (file_->HasTable("inlier_matches") &&
+      !file_->HasTable("two_view_geometries")) {
+    file_->Execute("ALTER TABLE inlier_matches RENAME TO two_view_geometries");
+  }
+  CreateTables(TableLayout::k38And312, &*file_);
+  const std::set<std::string> columns = file_->Columns("two_view_geometries");
+  for (const char* column : {"F", "E", "H", "qvec", "tvec"}) {
+    if (columns.count(column) > 0) continue;
+    file_->Execute(std::string("ALTER TABLE two_view_geometries ADD COLUMN ") +
+                   column + " BLOB");
+  }
 }
 
 std::vector<ImageId> FeatureDatabase::Impl::ListImages(

@@ -21,13 +21,15 @@ namespace mgsfm {
 class FeatureDatabase::Impl {
  public:
   Impl(const std::string& path, OpenMode mode);
+  ~Impl();
 
   const SqliteDatabase& database() const {
     return file_ ? *file_ : snapshot_->database();
   }
-  // Only for databases that are open for writing.
+  // Only for databases that are open for writing, and in order to write.
   SqliteDatabase& file() {
     MGSFM_CHECK_MSG(file_.has_value(), path());
+    if (tables_are_pending_ && !is_in_transaction_) Commit();
     return *file_;
   }
   const std::string& path() const { return database().path(); }
@@ -86,11 +88,16 @@ class FeatureDatabase::Impl {
   // Holds the lock until the end, so that no other program adds the same rows.
   void Lock();
   bool IsEmpty() const;
+  void CheckTables() const;
+  // Begins a transaction that adds missing tables and columns. The first write
+  // commits it, so that a run that writes nothing leaves the file as it was.
   void AddTables();
 
   // One of them.
   std::optional<SqliteDatabase> file_;
   std::optional<SqliteSnapshot> snapshot_;
+  bool is_new_ = false;  // there was no file, and nothing has been written
+  bool tables_are_pending_ = false;
   bool is_in_transaction_ = false;
   bool none_is_null_ = false;
   bool descriptors_have_type_ = false;

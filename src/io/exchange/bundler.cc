@@ -65,4 +65,8 @@ std::vector<ExportedFile> WriteBundler(const ExportInput& input) {
   return {{".bundle.out", std::move(text)}, {".list.txt", std::move(list)}};
 }
 
+std::vector<std::string> LossesInBundler(const ExportInput& input) {
+  return MovedPrincipalPoints(input);
+}
+
 }  // namespace mgsfm

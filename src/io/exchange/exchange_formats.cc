@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 
+#include "io/exchange/exported_names.h"
 #include "io/exchange/formats.h"
 #include "mgsfm/io/rigs/rig_config.h"
 
@@ -16,15 +17,15 @@ std::vector<ExportedFile> WriteRigConfigJson(const ExportInput& input) {
 
 constexpr ExchangeFormat kFormats[] = {
     {"ply", WritePly},
-    {"nvm", WriteNvm},
-    {"bundler", WriteBundler},
+    {"nvm", WriteNvm, LossesInNvm},
+    {"bundler", WriteBundler, LossesInBundler},
     {"tum", WriteTum},
     {"kitti", WriteKitti},
     {"euroc", WriteEuroc},
-    {"kalibr", WriteKalibr},
-    {"euroc_sensor", WriteEurocSensors},
-    {"ros_tf", WriteRosTransforms},
-    {"ros_launch", WriteRosLaunch},
+    {"kalibr", WriteKalibr, SensorsWithoutPose},
+    {"euroc_sensor", WriteEurocSensors, SensorsWithoutPose},
+    {"ros_tf", WriteRosTransforms, SensorsWithoutPose},
+    {"ros_launch", WriteRosLaunch, SensorsWithoutPose},
     {"camera_info", WriteCameraInfo},
     {"rig_config", WriteRigConfigJson},
     {"geojson", WriteGeoJson},

@@ -45,6 +45,8 @@ struct ExportedFile {
 struct ExchangeFormat {
   std::string_view name;
   std::vector<ExportedFile> (*write)(const ExportInput& input);
+  // A message for each part of the model that the file lacks or changes.
+  std::vector<std::string> (*losses)(const ExportInput& input) = nullptr;
 };
 
 // Upper and lower case are the same. nullptr for an unknown name.

@@ -94,4 +94,20 @@ std::vector<int> PosedSensors(const ExportInput& input, int rig_idx) {
   return sensor_idxs;
 }
 
+std::vector<std::string> SensorsWithoutPose(const ExportInput& input) {
+  std::vector<std::string> messages;
+  for (const Rig& rig : input.scene.rigs) {
+    for (const int sensor_idx : rig.sensor_idxs) {
+      if (sensor_idx == rig.ref_sensor_idx ||
+          input.model.sensor_from_rig[sensor_idx]) {
+        continue;
+      }
+      messages.push_back("camera '" + input.scene.sensors[sensor_idx].name +
+                         "' is left out, as the model has no pose of it in "
+                         "the rig");
+    }
+  }
+  return messages;
+}
+
 }  // namespace mgsfm

@@ -32,4 +32,7 @@ int OnlyRig(const ExportInput& input, const std::string& format,
 // The sensors of a rig that have a pose, the reference first.
 std::vector<int> PosedSensors(const ExportInput& input, int rig_idx);
 
+// A message for each sensor that PosedSensors leaves out.
+std::vector<std::string> SensorsWithoutPose(const ExportInput& input);
+
 }  // namespace mgsfm

@@ -11,9 +11,12 @@ namespace mgsfm {
 
 // The points with their colours, binary.
 std::vector<ExportedFile> WritePly(const ExportInput& input);
-// VisualSFM and Bundler (two files), as COLMAP writes them.
+// VisualSFM and Bundler (two files), as COLMAP writes them, except that pixels
+// in NVM move by as much as the principal point to the center of the image.
 std::vector<ExportedFile> WriteNvm(const ExportInput& input);
 std::vector<ExportedFile> WriteBundler(const ExportInput& input);
+std::vector<std::string> LossesInNvm(const ExportInput& input);
+std::vector<std::string> LossesInBundler(const ExportInput& input);
 
 // Trajectories world_from_rig or world_from_cam. TUM and EuRoC need a time of
 // each image (Image::timestamp_s, or a name that is one).

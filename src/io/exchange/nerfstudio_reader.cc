@@ -270,12 +270,24 @@ Camera ReadCamera(const TransformsFrame& frame, const Eigen::Vector2i& size) {
     for (const char* name : {"k1", "k2", "k3", "k4"}) {
       camera.params.push_back(frame.Number(name, 0.0));
     }
+    for (const char* name : {"p1", "p2"}) {
+      if (frame.Number(name, 0.0) == 0.0) continue;
+      frame.Throw(
+          "COLMAP has no fisheye camera model with tangential "
+          "distortion");
+    }
     return camera;
   }
   for (const char* name : {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL",
                            "SIMPLE_RADIAL", "PERSPECTIVE"}) {
     if (model != name) continue;
     SetDistortion(frame, &camera);
+    if (camera.params.size() > 4 &&
+        model.find("PINHOLE") != std::string::npos) {
+      frame.Contradict("the camera_model is " + model +
+                       ", but there are coefficients of distortion; they are "
+                       "used");
+    }
     return camera;
   }
   frame.Throw("the camera_model '" + Printable(model) + "' is not known");

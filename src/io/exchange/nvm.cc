@@ -23,19 +23,28 @@ std::string ImageLine(const ExportInput& input, int image_idx,
 }
 
 // VisualSFM expects at most one observation of a point in an image.
+bool IsRepeated(const std::vector<Observation>& track, size_t i) {
+  return i > 0 && track[i].image_idx == track[i - 1].image_idx;
+}
+
+// Without a principal point in the file, only pixels that move with it to the
+// center of the image keep their rays.
 std::string PointLine(const ExportInput& input, const ImageOrder& order,
+                      const std::vector<RadialCamera>& cameras,
                       const Point3D& point) {
   std::string line, observations;
   for (const double value : point.point_in_world) line += Digits(value) + ' ';
   for (const uint8_t value : point.color) line += std::to_string(value) + ' ';
   int num_observations = 0;
-  int last_image_idx = -1;
-  for (const Observation& o : point.track) {
-    if (o.image_idx == last_image_idx) continue;
-    last_image_idx = o.image_idx;
-    const Eigen::Vector2d pixel = input.scene.images[o.image_idx]
-                                      .keypoints_px[o.keypoint_idx]
-                                      .cast<double>();
+  for (size_t i = 0; i < point.track.size(); ++i) {
+    if (IsRepeated(point.track, i)) continue;
+    const Observation& o = point.track[i];
+    const Image& image = input.scene.images[o.image_idx];
+    const int camera_idx = input.scene.sensors[image.sensor_idx].camera_idx;
+    const Eigen::Vector2d pixel =
+        image.keypoints_px[o.keypoint_idx].cast<double>() -
+        cameras[o.image_idx].principal_point_px +
+        CenterOfImage(input.model.cameras[camera_idx]);
     observations += ' ' + std::to_string(order.place_of_image[o.image_idx]) +
                     ' ' + std::to_string(o.keypoint_idx) + ' ' +
                     Digits(pixel.x()) + ' ' + Digits(pixel.y());
@@ -56,9 +65,25 @@ std::vector<ExportedFile> WriteNvm(const ExportInput& input) {
   }
   text += '\n' + std::to_string(input.model.points.size()) + '\n';
   for (const Point3D& point : input.model.points) {
-    text += PointLine(input, order, point);
+    text += PointLine(input, order, cameras, point);
   }
   return {{"", std::move(text)}};
+}
+
+std::vector<std::string> LossesInNvm(const ExportInput& input) {
+  std::vector<std::string> messages = MovedPrincipalPoints(input);
+  size_t num_repeated = 0;
+  for (const Point3D& point : input.model.points) {
+    for (size_t i = 0; i < point.track.size(); ++i) {
+      num_repeated += IsRepeated(point.track, i) ? 1 : 0;
+    }
+  }
+  if (num_repeated > 0) {
+    messages.push_back(std::to_string(num_repeated) +
+                       " observations are left out, as NVM has one of a point "
+                       "in each image");
+  }
+  return messages;
 }
 
 }  // namespace mgsfm

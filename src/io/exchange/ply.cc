@@ -20,6 +20,7 @@ namespace fs = std::filesystem;
 
 struct PlyHeader {
   bool is_text = false;
+  bool has_other_elements = false;  // behind the vertices
   uint64_t num_vertices = 0;
   std::vector<std::string> names, types;  // of the properties of a vertex
   size_t size = 0;                        // bytes
@@ -60,6 +61,7 @@ PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
     } else if (word == "element") {
       words >> word;
       if (!is_in_vertex && word != "vertex") break;
+      header.has_other_elements |= is_in_vertex;
       is_in_vertex = word == "vertex";
       if (is_in_vertex && !ReadCount(&words, &header.num_vertices)) break;
     } else if (word == "property" && is_in_vertex) {
@@ -145,12 +147,25 @@ class VertexReader {
         path_(path),
         bytes_(file.data() + header.size),
         num_bytes_(file.size() - header.size) {
-    if (header.is_text) {
-      words_.str(file.substr(header.size));
-    } else {
-      for (const std::string& type : header.types) {
-        types_.push_back(&FindType(type, path));
+    if (header.is_text) words_.str(file.substr(header.size));
+    for (const std::string& type : header.types) {
+      types_.push_back(&FindType(type, path));
+    }
+    for (const char* axis : {"x", "y", "z"}) {
+      if (std::count(header.names.begin(), header.names.end(), axis) == 1) {
+        continue;
       }
+      Throw(path, std::string("does not have the coordinate ") + axis +
+                      " of its points once");
+    }
+  }
+
+  // Throws Error if the file goes on after all vertices.
+  void CheckEnd() {
+    if (header_.has_other_elements) return;
+    std::string word;
+    if (header_.is_text ? bool(words_ >> word) : num_bytes_ > 0) {
+      Throw(path_, "has more points than its header says");
     }
   }
 
@@ -216,8 +231,8 @@ std::vector<ImportedPoint> ReadPly(const fs::path& path) {
       SetProperty(header.names[k], values.Next(k),
                   &points.back().point_in_world, &colors.back());
     }
-    if (header.names.empty()) Throw(path, "has points without coordinates");
   }
+  values.CheckEnd();
   const double scale = ScaleOfColors(header, colors);
   for (size_t i = 0; i < points.size(); ++i) {
     const Eigen::Array3d color = (scale * colors[i].array()).round();

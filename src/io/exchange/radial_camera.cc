@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/format.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/models/model_io.h"
 
@@ -54,6 +55,33 @@ RadialCamera ToRadialCamera(const ExportInput& input, int camera_idx,
 }
 
 }  // namespace
+
+Eigen::Vector2d CenterOfImage(const Camera& camera) {
+  return {0.5 * camera.width_px, 0.5 * camera.height_px};
+}
+
+std::vector<std::string> MovedPrincipalPoints(const ExportInput& input) {
+  constexpr double kRounding_px = 1e-6;
+  std::vector<std::string> messages;
+  for (size_t i = 0; i < input.model.cameras.size(); ++i) {
+    const Camera& camera = input.model.cameras[i];
+    const std::vector<int>& idxs =
+        FindCameraModel(static_cast<int32_t>(camera.model))
+            ->principal_point_idxs;
+    const Eigen::Vector2d offset =
+        Eigen::Vector2d(camera.params[idxs[0]], camera.params[idxs[1]]) -
+        CenterOfImage(camera);
+    if (offset.cwiseAbs().maxCoeff() <= kRounding_px) continue;
+    messages.push_back(
+        CameraLabel(input.scene, static_cast<int>(i)) +
+        Formatted(" has its principal point %+.1f, %+.1f px from the center "
+                  "of the image, where this format puts it; pixels are "
+                  "shifted by as much, and their rays are right; write bin "
+                  "or txt for the pixels of the images",
+                  offset.x(), offset.y()));
+  }
+  return messages;
+}
 
 std::vector<RadialCamera> ToRadialCameras(const ExportInput& input,
                                           const std::string& format,

@@ -16,6 +16,12 @@ struct RadialCamera {
   double k2 = 0.0;
 };
 
+// The principal point of formats that store none.
+Eigen::Vector2d CenterOfImage(const Camera& camera);
+
+// A message for each camera whose principal point lies elsewhere.
+std::vector<std::string> MovedPrincipalPoints(const ExportInput& input);
+
 // Per image. Throws Error, naming the camera and `format`, for other models,
 // two focal lengths, or more than `max_num_coefficients`, and for image names
 // with blanks.

@@ -7,7 +7,6 @@
 
 #include "base/format.h"
 #include "base/nanoseconds.h"
-#include "base/natural_order.h"
 #include "base/text.h"
 #include "io/exchange/exported_names.h"
 #include "io/exchange/formats.h"
@@ -27,7 +26,7 @@ struct Stop {
 
 struct Trajectory {
   std::string suffix;
-  std::vector<Stop> stops;  // in the natural order of their names
+  std::vector<Stop> stops;  // in the order of frames
 };
 
 bool HasOnly(const std::string& text, const char* characters) {
@@ -68,17 +67,15 @@ std::vector<Trajectory> CameraTrajectories(const ExportInput& input,
   std::vector<Trajectory> all;
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     Trajectory trajectory{"/" + names[i] + extension, {}};
-    for (size_t k = 0; k < scene.images.size(); ++k) {
-      const Image& image = scene.images[k];
-      const auto pose = input.model.CamFromWorld(scene, static_cast<int>(k));
-      if (image.sensor_idx != static_cast<int>(i) || !pose) continue;
-      trajectory.stops.push_back({image.name, ImageStem(image.name),
-                                  pose->Inverse(), image.timestamp_s});
+    for (const int frame_idx : RegisteredFrames(input)) {
+      for (const int image_idx : scene.frames[frame_idx].image_idxs) {
+        const Image& image = scene.images[image_idx];
+        const auto pose = input.model.CamFromWorld(scene, image_idx);
+        if (image.sensor_idx != static_cast<int>(i) || !pose) continue;
+        trajectory.stops.push_back({image.name, ImageStem(image.name),
+                                    pose->Inverse(), image.timestamp_s});
+      }
     }
-    std::stable_sort(trajectory.stops.begin(), trajectory.stops.end(),
-                     [](const Stop& a, const Stop& b) {
-                       return IsNaturallyBefore(a.name, b.name);
-                     });
     if (!trajectory.stops.empty()) all.push_back(std::move(trajectory));
   }
   return all;

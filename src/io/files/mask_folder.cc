@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/files/mask_folder.h"
 
+#include <opencv2/core.hpp>
 #include <system_error>
 
+#include "io/files/image_encoding.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -34,6 +36,21 @@ void CheckMasks(const fs::path& mask_path,
   context.Warning(std::to_string(num_missing) + " of " +
                   std::to_string(image_names.size()) +
                   " images have no mask in " + folder + ", such as " + remedy);
+}
+
+std::string EncodeMask(const HiddenCells& cells, int width_px, int height_px) {
+  cv::Mat mask(height_px, width_px, CV_8UC1);
+  for (int y = 0; y < height_px; ++y) {
+    const auto row =
+        static_cast<size_t>((y + 0.5) / height_px * cells.num_rows);
+    for (int x = 0; x < width_px; ++x) {
+      const auto column =
+          static_cast<size_t>((x + 0.5) / width_px * cells.num_columns);
+      mask.at<uint8_t>(y, x) =
+          cells.is_hidden[row * cells.num_columns + column] ? 0 : 255;
+    }
+  }
+  return EncodeImage(".png", mask);
 }
 
 void EmptyMasks::Warn(const fs::path& mask_path, const Context& context) const {

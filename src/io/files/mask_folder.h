@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
@@ -21,6 +22,14 @@ std::filesystem::path MaskPathOf(const std::filesystem::path& mask_path,
 void CheckMasks(const std::filesystem::path& mask_path,
                 const std::vector<std::string>& image_names,
                 const std::string& option, const Context& context);
+
+// The PNG file of a mask that hides equal cells of an image, row by row.
+struct HiddenCells {
+  int num_rows = 0;
+  int num_columns = 0;
+  Mask is_hidden;
+};
+std::string EncodeMask(const HiddenCells& cells, int width_px, int height_px);
 
 // Counts the masks that hide nothing, for one warning. Thread-safe.
 class EmptyMasks {

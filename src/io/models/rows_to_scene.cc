@@ -199,27 +199,6 @@ void CheckKeypoints(const Scene& scene, const std::string& input_name,
                   " px; correct the size of the camera");
 }
 
-// Known poses define the unit, which counts as metres. Rigs on ships and trucks
-// are shorter than the bound; baselines in millimetres exceed it.
-void CheckRigLengths(const Scene& scene, const std::string& source,
-                     const Context& context) {
-  constexpr double kMaxLength = 30.0;
-  for (const Rig& rig : scene.rigs) {
-    double length = 0.0;
-    for (const int i : rig.sensor_idxs) {
-      const auto& pose = scene.sensors[i].sensor_from_rig;
-      if (pose) length = std::max(length, pose->Center().norm());
-    }
-    if (length <= kMaxLength) continue;
-    context.Warning("by " + source + ", a camera of the rig of '" +
-                    scene.sensors[rig.ref_sensor_idx].name + "' is " +
-                    FormatDouble(length, std::chars_format::general, 4) +
-                    " from the reference, which counts as metres; divide the "
-                    "translations by 1000 if they are in millimetres");
-    return;
-  }
-}
-
 }  // namespace
 
 SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
@@ -236,7 +215,12 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   CheckIntrinsics(result.scene, input_name, context);
   CheckKeypoints(result.scene, input_name, context);
   if (kind != "model" || options.HasKnownRig()) {
-    CheckRigLengths(result.scene, result.rig_source, context);
+    const auto problem = WhyRigsAreNotMetric(result.scene);
+    // Calibrations are in metres; a rig configuration may have any unit.
+    if (problem && !options.calibration_path->empty()) {
+      throw Error("'" + *options.calibration_path + "': " + *problem);
+    }
+    if (problem) context.Warning("by " + result.rig_source + ", " + *problem);
   }
   if (times) {
     for (size_t i = 0; i < times->times_ns.size(); ++i) {

@@ -2,13 +2,16 @@
 #include "mgsfm/io/models/trajectory_io.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "geometry/rigid_matrix.h"
+#include "io/calibration/yaml_value.h"
 #include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 #include "scene/value_check.h"
@@ -22,6 +25,29 @@ std::optional<Rigid3> CamFromWorld(const Eigen::Vector3d& center,
   const Rigid3 pose = PoseOfFile(world_from_cam, center);
   if (WhyImplausible(pose)) return std::nullopt;
   return pose.Inverse();
+}
+
+// By time, each once. Throws Error for different poses at one time.
+std::vector<TimedPose> InOrder(std::vector<TimedPose> poses,
+                               const std::filesystem::path& path) {
+  std::stable_sort(poses.begin(), poses.end(),
+                   [](const TimedPose& a, const TimedPose& b) {
+                     return a.timestamp_s < b.timestamp_s;
+                   });
+  const auto is_repeated = [&path](const TimedPose& a, const TimedPose& b) {
+    if (a.timestamp_s != b.timestamp_s) return false;
+    const bool is_equal =
+        a.cam_from_world.translation == b.cam_from_world.translation &&
+        a.cam_from_world.rotation.coeffs() ==
+            b.cam_from_world.rotation.coeffs();
+    if (is_equal) return true;
+    throw Error("'" + path.string() + "' has two different poses at the time " +
+                FormatDouble(a.timestamp_s, std::chars_format::fixed, 9) +
+                "; remove one of them");
+  };
+  poses.erase(std::unique(poses.begin(), poses.end(), is_repeated),
+              poses.end());
+  return poses;
 }
 
 bool IsProjection(const Eigen::Matrix3d& K) {
@@ -65,7 +91,7 @@ std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
     }
     poses.push_back({n->front(), *pose});
   }
-  return poses;
+  return InOrder(std::move(poses), path);
 }
 
 std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
@@ -92,7 +118,7 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
     }
     poses.push_back({1e-9 * n[0], *pose});
   }
-  return poses;
+  return InOrder(std::move(poses), path);
 }
 
 std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
@@ -112,6 +138,9 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
     }
     Rigid3 cam_from_cam0;
     cam_from_cam0.translation = intrinsics.inverse() * projection.col(3);
+    if (const auto problem = WhyImplausible(cam_from_cam0)) {
+      lines.Throw("the pose of the camera " + *problem);
+    }
     cameras.push_back(cam_from_cam0);
   }
   if (cameras.empty()) {
@@ -121,25 +150,8 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
 }
 
 Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {
-  const std::string text = ReadText(path);
-  size_t begin = text.find("T_BS");
-  if (begin != std::string::npos) begin = text.find("data:", begin);
-  if (begin != std::string::npos) begin = text.find('[', begin);
-  const size_t end = begin == std::string::npos ? begin : text.find(']', begin);
-  if (end == std::string::npos) {
-    throw Error("'" + path.string() + "' holds no matrix T_BS");
-  }
-  std::string data = text.substr(begin + 1, end - begin - 1);
-  for (char& c : data) {
-    if (c == ',' || c == '\n') c = ' ';
-  }
-  const auto numbers = ParseNumbers(data);
-  const auto body_from_sensor =
-      numbers ? RigidFromNumbers(*numbers) : std::nullopt;
-  if (!body_from_sensor) {
-    throw Error("'" + path.string() + "': T_BS is not a 4x4 rigid transform");
-  }
-  return body_from_sensor->Inverse();
+  const YamlValue file(path.string(), ReadText(path));
+  return file["T_BS"].Pose().Inverse();
 }
 
 }  // namespace mgsfm

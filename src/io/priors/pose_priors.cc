@@ -20,6 +20,7 @@
 #include "io/files/output_file.h"
 #include "io/priors/named_vectors.h"
 #include "io/priors/trajectory_positions.h"
+#include "io/rigs/scene_builder.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -35,8 +36,8 @@ class PriorMaker {
   }
 
   void TakeRows(const std::vector<PosePriorRow>& rows,
-                const std::string& database_path) {
-    source_ = "database '" + database_path + "'";
+                const std::string& source) {
+    source_ = source;
     std::map<ImageId, int> idx_of_id;
     for (size_t i = 0; i < scene_.images.size(); ++i) {
       idx_of_id[scene_.images[i].id] = static_cast<int>(i);
@@ -97,6 +98,8 @@ class PriorMaker {
           "there are no positions of images; extract features of images with "
           "GPS, set ref_images_path, or do not set use_prior_position");
     }
+    const auto problem = *are_gps ? WhyRigsAreNotMetric(scene_) : std::nullopt;
+    if (problem) Throw("positions are GPS, but " + *problem);
     return priors;
   }
 
@@ -263,12 +266,12 @@ bool AreGps(const std::vector<Eigen::Vector3d>& positions, PositionKind kind,
 
 PositionPriors MakePositionPriors(const Scene& scene,
                                   const std::vector<PosePriorRow>& rows,
-                                  const std::string& database_path,
+                                  const std::string& source,
                                   const PosePriorOptions& options) {
   if (!options.AreUsed()) return {};
   PriorMaker maker(scene, options);
   if (options.ref_images_path->empty()) {
-    maker.TakeRows(rows, database_path);
+    maker.TakeRows(rows, source);
   } else {
     maker.ReadLines();
   }
@@ -288,7 +291,8 @@ PositionPriors ReadPositionPriors(const Scene& scene,
     }
     snapshot.CheckUnchanged();
   }
-  return MakePositionPriors(scene, rows, database_path, options);
+  return MakePositionPriors(scene, rows, "database '" + database_path + "'",
+                            options);
 }
 
 GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,

@@ -80,11 +80,7 @@ std::optional<Rigid3> Interpolate(const std::vector<TimedPose>& poses,
 }
 
 Poses PosesByTime(const Scene& scene, const std::string& path,
-                  std::vector<TimedPose> poses) {
-  std::stable_sort(poses.begin(), poses.end(),
-                   [](const TimedPose& a, const TimedPose& b) {
-                     return a.timestamp_s < b.timestamp_s;
-                   });
+                  const std::vector<TimedPose>& poses) {
   const double max_gap_s =
       poses.size() < 2 ? 0.0 : kMaxGapRatio * MedianInterval(poses);
   Poses of_frames;

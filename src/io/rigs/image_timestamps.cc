@@ -2,6 +2,7 @@
 #include "io/rigs/image_timestamps.h"
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <optional>
 #include <utility>
@@ -12,6 +13,7 @@
 #include "base/text_lines.h"
 #include "io/files/output_file.h"
 #include "io/rigs/image_name_times.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -112,6 +114,41 @@ void CheckOrder(const std::filesystem::path& path, const Scene& scene,
   }
 }
 
+// Throws Error if the images of frames are farther apart than frames are.
+void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
+  std::vector<double> times_s, spreads_s, intervals_s;
+  int widest_idx = -1;
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    double first_s = std::numeric_limits<double>::infinity(), last_s = -first_s;
+    for (const int image_idx : scene.frames[f].image_idxs) {
+      first_s = std::min(first_s, *scene.images[image_idx].timestamp_s);
+      last_s = std::max(last_s, *scene.images[image_idx].timestamp_s);
+    }
+    times_s.push_back(first_s);
+    if (widest_idx < 0 || last_s - first_s > spreads_s[widest_idx]) {
+      widest_idx = static_cast<int>(f);
+    }
+    spreads_s.push_back(last_s - first_s);
+  }
+  std::sort(times_s.begin(), times_s.end());
+  for (size_t i = 1; i < times_s.size(); ++i) {
+    intervals_s.push_back(times_s[i] - times_s[i - 1]);
+  }
+  if (intervals_s.empty()) return;
+  const double spread_s = Median(spreads_s);
+  const double interval_s = Median(std::move(intervals_s));
+  if (spread_s <= interval_s) return;
+  const auto text = [](double value_s) {
+    return FormatDouble(value_s, std::chars_format::general, 4) + " s";
+  };
+  Throw(path, "has times of the images of one frame that differ by " +
+                  text(spread_s) + " in the median, more than the " +
+                  text(interval_s) + " between frames, such as in the frame '" +
+                  scene.frames[widest_idx].name +
+                  "'; correct the times, or pair images by time with "
+                  "frame_max_time_difference_s");
+}
+
 }  // namespace
 
 std::vector<double> ReadImageTimes(const std::filesystem::path& path,
@@ -139,6 +176,7 @@ void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,
   for (size_t r = 0; r < scene->rigs.size(); ++r) {
     CheckOrder(path, *scene, static_cast<int>(r));
   }
+  CheckFrameTimes(path, *scene);
 }
 
 void WriteImageTimestamps(const std::filesystem::path& path,

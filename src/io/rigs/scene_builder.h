@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
+#include <string>
+
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/scene/scene.h"
@@ -13,5 +16,10 @@ namespace mgsfm {
 // intrinsics.
 Scene BuildScene(RigInput input, RigAssignment assignment,
                  const Context& context);
+
+// Why the known poses in rigs cannot be in metres: rigs on ships and trucks are
+// shorter than the bound, and baselines in millimetres exceed it. nullopt if
+// they may be.
+std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene);
 
 }  // namespace mgsfm

@@ -72,7 +72,8 @@ struct PairCount {
 // user_version 3900. So 3.8, which demands the prior_* columns of `images` and
 // ignores tables it does not know, opens it, and so does every later version
 // (4.x after its usual migration). An existing database of any version from
-// 3.8 to 4.2 keeps its layout, and its missing tables are added.
+// 3.8 to 4.2 keeps its layout. The first write adds its missing tables; without
+// a write, the file stays as it was, and a new one does not come to exist.
 //
 // The object locks the database against other programs (ReadDatabase still
 // works, but releases the lock if it is called in the same process). Every

@@ -14,6 +14,8 @@ namespace mgsfm {
 // cam_from_world.
 std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path);
 
+// Sorted by time, each time once; the readers throw Error for two different
+// poses at one time.
 struct TimedPose {
   double timestamp_s = 0.0;
   Rigid3 cam_from_world;

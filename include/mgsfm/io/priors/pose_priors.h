@@ -94,10 +94,12 @@ struct PosePriorOptions {
 // the image. Throws Error, naming the image, for a position or covariance that
 // is not finite or not possible, for a mixture of coordinate systems, and for
 // an image that is unknown or repeated. Also throws Error for a file that
-// cannot be read, and if there is no position at all.
+// cannot be read, if there is no position at all, and if positions are GPS, but
+// known poses in a rig cannot be in metres. `source` names the rows in
+// messages.
 [[nodiscard]] PositionPriors MakePositionPriors(
     const Scene& scene, const std::vector<PosePriorRow>& rows,
-    const std::string& database_path, const PosePriorOptions& options);
+    const std::string& source, const PosePriorOptions& options);
 
 // Reads the rows of a database, which it does not change.
 [[nodiscard]] PositionPriors ReadPositionPriors(
