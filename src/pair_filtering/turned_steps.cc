@@ -52,26 +52,4 @@ Mask FindTurnedSteps(const Scene& scene, const FramePairIndex& index,
   return is_turned;
 }
 
-Mask FindLoopsAcross(const FramePairIndex& index, const Mask& pair_is_used,
-                     const Mask& step_is_turned) {
-  Mask is_across(pair_is_used.size(), false);
-  if (!index.is_sequence()) return is_across;
-  // Per frame: the number of turned steps before it.
-  std::vector<int> num_before(index.num_frames(), 0);
-  for (const std::vector<int>& sequence : index.order()->sequences()) {
-    int num_steps = 0;
-    for (const int frame : sequence) {
-      if (step_is_turned[frame]) ++num_steps;
-      num_before[frame] = num_steps;
-    }
-  }
-  for (size_t i = 0; i < is_across.size(); ++i) {
-    const auto& frames = index.Of(i);
-    is_across[i] =
-        pair_is_used[i] && frames.time_gap && index.IsLoop(frames) &&
-        num_before[frames.frame_idx1] != num_before[frames.frame_idx2];
-  }
-  return is_across;
-}
-
 }  // namespace mgsfm

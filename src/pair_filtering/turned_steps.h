@@ -14,8 +14,7 @@ namespace mgsfm {
 //
 // Duplicate structures that are some degrees off turn the whole trajectory at
 // the step that the fewest pairs cross. Correct loop pairs seldom do that. They
-// correct the drift, which is spread over all steps. revisits.h tells those
-// that can only be correct.
+// correct the drift, which is spread over all steps.
 //
 // The deviation of a pair is e_ij = Log(R_j^T R_ij R_i). A step is turned if
 // the common deviation exceeds kMinTurn.
@@ -26,11 +25,5 @@ namespace mgsfm {
                                    const ViewGraph& view_graph,
                                    const Mask& pair_is_used,
                                    const RotationEstimate& rotations);
-
-// The used loop pairs of one sequence with a turned step between their frames.
-// Per pair.
-[[nodiscard]] Mask FindLoopsAcross(const FramePairIndex& index,
-                                   const Mask& pair_is_used,
-                                   const Mask& step_is_turned);
 
 }  // namespace mgsfm

@@ -9,10 +9,8 @@
 #include "geometry/so3.h"
 #include "pair_filtering/contested_cuts.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "pair_filtering/revisits.h"
 #include "pair_filtering/rotation_consistency.h"
 #include "pair_filtering/skeletal_graph.h"
-#include "pair_filtering/turned_steps.h"
 #include "pair_filtering/unsupported_bridges.h"
 #include "rotation/rotation_components.h"
 
@@ -185,62 +183,6 @@ SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
   return result;
 }
 
-// Averages without the loop pairs that turn steps of a sequence. Revisits stay:
-// if they turn a step, the error is in other steps. The rotations without other
-// loops across the turned steps judge these loops. Their drift bound is
-// tightened until none of them crosses a turned step. Updates the pairs that
-// are used.
-AveragedRotations AverageWithoutTurningLoops(const RotationInput& input,
-                                             const SkeletonResult& skeleton,
-                                             const RotationOptions& options,
-                                             const Context& context,
-                                             Mask* is_used) {
-  // The last bound leaves only revisits across a turned step.
-  constexpr double kSharesOfBound[] = {1.0, 0.5, 0.25, 0.0};
-  const PairFilteringOptions& filtering = options.filtering;
-  const FramePairIndex& index = input.index;
-  const auto average = [&](const Mask& is_averaged) {
-    return AverageWithGravity(input, is_averaged,
-                              skeleton.start ? &*skeleton.start : nullptr,
-                              options.averaging, context);
-  };
-  AveragedRotations averaged = average(*is_used);
-  if (!filtering.use_skeletal_graph || !filtering.use_rotation_consistency) {
-    return averaged;
-  }
-  const Mask is_revisit = FindRevisits(index, *is_used);
-  const auto find_loops = [&] {
-    const Mask turned = FindTurnedSteps(input.scene, index, input.view_graph,
-                                        *is_used, averaged.result.estimate);
-    Mask is_across = FindLoopsAcross(index, *is_used, turned);
-    is_across.Remove(is_revisit);
-    return is_across;
-  };
-  for (const double share : kSharesOfBound) {
-    Mask is_rejected = find_loops();
-    if (!is_rejected.Any()) break;
-    Mask without_loops = *is_used;
-    without_loops.Remove(is_rejected);
-    AveragedRotations without = average(without_loops);
-    if (share == 0.0) {
-      *is_used = std::move(without_loops);
-      return without;
-    }
-    PairFilteringOptions bound = filtering;
-    bound.max_rotation_error_deg = share * *filtering.max_rotation_error_deg;
-    bound.rotation_drift_in_sigmas =
-        share * *filtering.rotation_drift_in_sigmas;
-    const Mask is_inconsistent = FindInconsistentRotations(
-        input.scene, index, input.view_graph, *is_used, skeleton.is_in_skeleton,
-        without.result.estimate, bound);
-    is_rejected.Remove(Not(is_inconsistent));
-    if (!is_rejected.Any()) continue;
-    is_used->Remove(is_rejected);
-    averaged = average(*is_used);
-  }
-  return averaged;
-}
-
 Mask FindBridges(const RotationInput& input, const Mask& pair_is_inlier,
                  const PairFilteringOptions& filtering,
                  const Context& context) {
@@ -287,10 +229,9 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
   const SkeletonResult skeleton =
       FilterBySkeleton(input, is_used, options, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);
-  Mask turns_steps = is_used;
-  AveragedRotations averaged =
-      AverageWithoutTurningLoops(input, skeleton, options, context, &is_used);
-  turns_steps.Remove(is_used);
+  AveragedRotations averaged = AverageWithGravity(
+      input, is_used, skeleton.start ? &*skeleton.start : nullptr,
+      options.averaging, context);
   result.gravity_rejection = std::move(averaged.gravity_rejection);
   Mask is_kept = averaged.result.estimate.pair_is_inlier;
   const Mask is_bridge =
@@ -306,11 +247,8 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
 
   Reject(PairsWithUnknownSensor(scene, view_graph, result.estimate),
          RejectionReason::kUnknownSensorRotation, &result.verdicts);
-  for (const Mask& is_rejected :
-       {skeleton.is_beyond_drift_bound, turns_steps}) {
-    Reject(is_rejected, RejectionReason::kRotationBeyondDriftBound,
-           &result.verdicts);
-  }
+  Reject(skeleton.is_beyond_drift_bound,
+         RejectionReason::kRotationBeyondDriftBound, &result.verdicts);
   Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
   RejectByEstimate(input.index, result.estimate, &result.verdicts);
   return result;

@@ -72,11 +72,6 @@ class TurningDrive {
                            view_graph_, Mask(view_graph_.pairs.size(), true),
                            estimate_);
   }
-  Mask LoopsAcross(const Mask& step_is_turned) const {
-    return FindLoopsAcross(
-        FramePairIndex(scene_, view_graph_, SequenceMode::kYes),
-        Mask(view_graph_.pairs.size(), true), step_is_turned);
-  }
   int FrameOf(int rank) const { return order_[rank]; }
 
  private:
@@ -119,19 +114,6 @@ TEST(TurnedSteps, AreNotTheDriftOfLoops) {
     drive.TurnFrom(k, {0.0, DegToRad(0.3), 0.0});
   }
   EXPECT_FALSE(drive.Find().Any());
-}
-
-TEST(TurnedSteps, SeparateTheFramesOfLoops) {
-  TurningDrive drive;
-  const size_t before = drive.Add(2, kTurnedRank - 1);
-  const size_t across = drive.Add(kTurnedRank - 1, kTurnedRank + 15);
-  const size_t after = drive.Add(kTurnedRank, kDriveLength - 1);
-  drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
-  const Mask is_across = drive.LoopsAcross(drive.Find());
-  EXPECT_FALSE(is_across[before]);
-  EXPECT_TRUE(is_across[across]);
-  EXPECT_FALSE(is_across[after]);
-  EXPECT_EQ(is_across.Count(), 1U);  // neighbours are no loops
 }
 
 }  // namespace

@@ -33,9 +33,7 @@ namespace mgsfm {
 // 3. Rotation consistency (rotation_consistency.h). A pair must agree with the
 //    rotations of the skeleton up to a drift bound (drift_bound.h): drift grows
 //    with the path length through the maximum spanning tree of the skeleton,
-//    like its square root for rotations and proportionally for positions. Loop
-//    pairs within the bound must not turn a single step of a sequence
-//    (turned_steps.h).
+//    like its square root for rotations and proportionally for positions.
 // 4. Unsupported bridges (unsupported_bridges.h). A pair that alone connects
 //    two components is rejected if it has no triplet support and other pairs
 //    contradict it. The components then stay apart.
