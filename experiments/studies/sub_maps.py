@@ -13,7 +13,7 @@ brackets are relative to the single run. Finished drives in the output folder
 are reused; models are removed.
 
   mgsfm simulate --preset standard --output_path drive
-  python3 -m experiments sub_maps drive --join_memory 0.25"""
+  python3 -m experiments sub_maps drive --join_memory 0.6"""
 HEADER = ["drive", "images", "error, single run", "joined",
           "processor time, single run", "sub-maps", "memory, single run", "cut",
           "a cluster", "join"]
