@@ -105,7 +105,8 @@ def test_nvm(model, convert):
         return numpy.array([float(next(words)) for _ in range(count)])
     cameras = {}
     for _ in range(int(next(words))):
-        cameras[next(words)] = take(10)
+        name = next(words)
+        cameras[name] = take(10)
     poses = []
     for name, (focal, *pose, radial, _) in cameras.items():
         assert focal == pytest.approx(707.0912) and radial == 0
