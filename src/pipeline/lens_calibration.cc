@@ -46,7 +46,7 @@ constexpr int kNumBundleRounds = 2;
 constexpr double kFunctionTolerance = 1e-4;
 // Frames of the first round. Each round has twice as many, up to what a drive
 // sees during a turn, and beyond that if they do not determine the lenses.
-constexpr size_t kMinNumFrames = 12;
+constexpr size_t kNumFramesOfFirst = 12;
 constexpr size_t kNumFramesOfTurn = 24;
 
 const CameraModelInfo& InfoOf(const Camera& camera) {
@@ -400,7 +400,7 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
   if (summary.lenses.empty()) return result;
   const MapperOptions of_rounds = OptionsOfRounds(options);
   std::optional<Reconstruction> model;
-  size_t num_frames = kMinNumFrames;
+  size_t num_frames = kNumFramesOfFirst;
   for (int i = 0; i < options.focal_lengths.max_num_rounds; ++i) {
     const ViewGraph pairs =
         PairsWithin(scene, input.matches,

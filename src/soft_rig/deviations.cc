@@ -14,7 +14,7 @@ constexpr int kMinNumImages = 10;
 // Per step: a factor of 5 in sigma, which keeps the quadratic model valid.
 constexpr double kMaxVarianceFactor = 25.0;
 // Relative; regularises coordinates that no measurement determines.
-constexpr double kDamping = 1e-9;
+constexpr double kDampingOfMasked = 1e-9;
 
 // Sums over the images of a sensor or rig, for rotations or positions.
 struct SigmaSums {
@@ -140,7 +140,7 @@ void CalibrationEquations::AddPrior(int slot, const PoseVector& change,
 Eigen::MatrixXd CalibrationEquations::Masked(
     const Eigen::VectorXd& mask) const {
   Eigen::MatrixXd masked = mask.asDiagonal() * matrix_ * mask.asDiagonal();
-  masked.diagonal() *= 1.0 + kDamping;
+  masked.diagonal() *= 1.0 + kDampingOfMasked;
   for (Eigen::Index i = 0; i < mask.size(); ++i) {
     if (!(masked(i, i) > 0.0)) masked(i, i) = 1.0;
   }

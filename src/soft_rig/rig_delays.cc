@@ -22,7 +22,7 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr int kColumns = RigScores::kNumColumns;
+constexpr int kSensorColumns = RigScores::kNumColumns;
 // Blocks of frames: Student's t of nine degrees of freedom.
 constexpr size_t kNumBlocks = 10;
 // Independent normal residuals exceed this in 1 of 16,000 cameras.
@@ -74,7 +74,7 @@ void SetImagePoses(const Scene& scene, DelayedRig* rig) {
 // The same for the poses alone.
 RigScores WithoutDelays(RigScores scores) {
   const auto clear = [](MatrixXd* matrix) {
-    for (Eigen::Index k = kColumns - 1; k < matrix->rows(); k += kColumns) {
+    for (Eigen::Index k = kSensorColumns - 1; k < matrix->rows(); k += kSensorColumns) {
       matrix->row(k).setZero();
       if (matrix->rows() == matrix->cols()) matrix->col(k).setZero();
     }
@@ -100,7 +100,7 @@ void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
   Reconstruction& model = rig->model.rig;
   for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
     const auto change =
-        x.segment<kColumns>(static_cast<Eigen::Index>(kColumns * k));
+        x.segment<kSensorColumns>(static_cast<Eigen::Index>(kSensorColumns * k));
     Rigid3& pose = *model.sensor_from_rig[scores.sensor_idxs[k]];
     pose.rotation = (ExpSO3(change.head<3>()) * pose.rotation).normalized();
     pose.translation += change.segment<3>(3);
@@ -120,7 +120,7 @@ void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
 bool MayBeDelayed(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
   const MatrixXd covariance = CovarianceBy(scores.noise, scores);
-  for (Eigen::Index k = kColumns - 1; k < step.size(); k += kColumns) {
+  for (Eigen::Index k = kSensorColumns - 1; k < step.size(); k += kSensorColumns) {
     if (std::abs(step[k]) > kMinSigmas * std::sqrt(covariance(k, k))) {
       return true;
     }
@@ -139,8 +139,8 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
   const VectorXd step = NewtonStep(scores);
   std::vector<CameraDelay> cameras;
   for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
-    const auto first = static_cast<Eigen::Index>(kColumns * k);
-    const Eigen::Index column = first + kColumns - 1;
+    const auto first = static_cast<Eigen::Index>(kSensorColumns * k);
+    const Eigen::Index column = first + kSensorColumns - 1;
     CameraDelay camera{scores.sensor_idxs[k]};
     camera.delay = rig.delays[camera.sensor_idx] + step[column];
     camera.sigma = std::sqrt(covariance(column, column));
@@ -158,7 +158,7 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
 bool HasConverged(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
   const MatrixXd covariance = Jackknife(scores);
-  for (Eigen::Index k = kColumns - 1; k < step.size(); k += kColumns) {
+  for (Eigen::Index k = kSensorColumns - 1; k < step.size(); k += kSensorColumns) {
     if (std::abs(step[k]) > kMaxStepInSigmas * std::sqrt(covariance(k, k))) {
       return false;
     }
