@@ -74,7 +74,8 @@ void SetImagePoses(const Scene& scene, DelayedRig* rig) {
 // The same for the poses alone.
 RigScores WithoutDelays(RigScores scores) {
   const auto clear = [](MatrixXd* matrix) {
-    for (Eigen::Index k = kSensorColumns - 1; k < matrix->rows(); k += kSensorColumns) {
+    for (Eigen::Index k = kSensorColumns - 1; k < matrix->rows();
+         k += kSensorColumns) {
       matrix->row(k).setZero();
       if (matrix->rows() == matrix->cols()) matrix->col(k).setZero();
     }
@@ -99,8 +100,8 @@ double Overdispersion(const MatrixXd& actual, const MatrixXd& independent,
 void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
   Reconstruction& model = rig->model.rig;
   for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
-    const auto change =
-        x.segment<kSensorColumns>(static_cast<Eigen::Index>(kSensorColumns * k));
+    const auto change = x.segment<kSensorColumns>(
+        static_cast<Eigen::Index>(kSensorColumns * k));
     Rigid3& pose = *model.sensor_from_rig[scores.sensor_idxs[k]];
     pose.rotation = (ExpSO3(change.head<3>()) * pose.rotation).normalized();
     pose.translation += change.segment<3>(3);
@@ -120,7 +121,8 @@ void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
 bool MayBeDelayed(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
   const MatrixXd covariance = CovarianceBy(scores.noise, scores);
-  for (Eigen::Index k = kSensorColumns - 1; k < step.size(); k += kSensorColumns) {
+  for (Eigen::Index k = kSensorColumns - 1; k < step.size();
+       k += kSensorColumns) {
     if (std::abs(step[k]) > kMinSigmas * std::sqrt(covariance(k, k))) {
       return true;
     }
@@ -158,7 +160,8 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
 bool HasConverged(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
   const MatrixXd covariance = Jackknife(scores);
-  for (Eigen::Index k = kSensorColumns - 1; k < step.size(); k += kSensorColumns) {
+  for (Eigen::Index k = kSensorColumns - 1; k < step.size();
+       k += kSensorColumns) {
     if (std::abs(step[k]) > kMaxStepInSigmas * std::sqrt(covariance(k, k))) {
       return false;
     }
