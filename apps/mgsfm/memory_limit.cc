@@ -24,7 +24,7 @@ constexpr double kBytesPerObservation = 16.0;
 constexpr double kBytesPerImage = 2400.0;
 constexpr double kBytesPerAdjustedKeypoint = 10.0;
 constexpr double kBytesPerAdjustedObservation = 260.0;
-// With fewer, errors grow (docs/results/submaps.md).
+// Errors grow with fewer observations (docs/results/submaps.md).
 constexpr double kMinNumAdjustedPerImage = 100.0;
 constexpr double kBytesPerMib = 1024.0 * 1024.0;
 

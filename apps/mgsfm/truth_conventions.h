@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// How a file of poses states rotations.
+// The convention of the rotations in a file of poses.
 struct PoseConvention {
   bool is_world_from_cam = true;
   enum { kMatrix, kWxyz, kXyzw } order = kXyzw;

@@ -55,7 +55,7 @@ bool IsFixed(const PoseMatrix& covariance) {
   return covariance.bottomRightCorner<3, 3>().isZero(0.0);
 }
 
-// In the least certain direction.
+// The standard deviation along the least certain direction.
 double SigmaOfTranslation(const PoseMatrix& covariance) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
       covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);

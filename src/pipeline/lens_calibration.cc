@@ -28,7 +28,7 @@ constexpr double kPrincipalPointSigma = 0.02;
 constexpr double kSigmaOfExif = 0.1;
 constexpr double kPerspectiveSigmas[] = {0.3, 0.15, 2e-3, 2e-3};
 constexpr double kFisheyeSigmas[] = {0.1, 0.05, 0.02, 0.01};
-// In standard deviations: normal errors exceed it in 1 of 10,000 cases.
+// Normal errors exceed this number of standard deviations in 1 of 10,000 cases.
 constexpr double kMaxErrorOfStart = 3.9;
 // Errors of the lens model, of time and of matches shift the focal lengths of
 // an adjusted model by this much: the root mean square of recorded rigs whose

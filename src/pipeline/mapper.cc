@@ -25,7 +25,7 @@
 namespace mgsfm {
 namespace {
 
-// What a run maps. Lenses are calibrated by runs with some of the pairs.
+// The inputs of a run. Runs with some of the pairs calibrate lenses.
 struct Run {
   const PositionStep& estimate_positions;
   const MapperInput& input;  // beside scene and pairs

@@ -33,6 +33,10 @@ class DatabaseMerging : public testing::Test {
     return (dir_.path() / name).string();
   }
 
+  FeatureDatabase Open(const std::string& name) const {
+    return {Path(name), FeatureDatabase::OpenMode::kExisting};
+  }
+
   // Not of all images.
   static std::optional<Eigen::Vector3d> GravityOf(ImageId id) {
     if (id.value() % 2 == 0) return std::nullopt;
@@ -62,7 +66,7 @@ class DatabaseMerging : public testing::Test {
          RigId(3),
          {{left, contents.images[2].id}, {right, contents.images[3].id}}}};
     WriteDatabase(Path(name), contents, DatabaseSchema::k312);
-    FeatureDatabase database(Path(name), FeatureDatabase::OpenMode::kExisting);
+    FeatureDatabase database = Open(name);
     for (const ImageRow& image : contents.images) {
       DescriptorMatrix descriptors(image.keypoints_px.size(), 128);
       descriptors.setConstant(static_cast<uint8_t>(image.id.value()));
@@ -80,8 +84,7 @@ class DatabaseMerging : public testing::Test {
   void MakeDifferentRig() const {
     fs::copy_file(Path("a.db"), Path("b.db"),
                   fs::copy_options::overwrite_existing);
-    FeatureDatabase database(Path("b.db"),
-                             FeatureDatabase::OpenMode::kExisting);
+    FeatureDatabase database = Open("b.db");
     DatabaseContents contents = database.ReadStructure(Context());
     contents.rigs[0].sensors[1].sensor_from_rig->translation.x() += 1.0;
     database.WriteRigsAndFrames(contents.rigs, contents.frames);
@@ -156,8 +159,7 @@ TEST_F(DatabaseMerging, KeepsEverythingOfBoth) {
   Merge("merged.db");
   EXPECT_TRUE(ReadTextFile(Path("a.db")) == before);
   const DatabaseContents merged = ReadDatabase(Path("merged.db"), Context());
-  FeatureDatabase features(Path("merged.db"),
-                           FeatureDatabase::OpenMode::kExisting);
+  FeatureDatabase features = Open("merged.db");
   EXPECT_EQ(merged.images.size(), 8u);
   EXPECT_EQ(merged.cameras.size(), a.cameras.size() + b.cameras.size());
   EXPECT_EQ(merged.pairs.size(), a.pairs.size() + b.pairs.size());
@@ -197,8 +199,7 @@ TEST_F(DatabaseMerging, KeepsGravityWithoutPositions) {
   const DatabaseContents b = MakeDatabase("b.db", "seq2");
   const Eigen::Vector3d gravity(0.0, 3.0, 4.0);
   const auto set_gravity = [&](const Eigen::Vector3d& direction) {
-    FeatureDatabase database(Path("b.db"),
-                             FeatureDatabase::OpenMode::kExisting);
+    FeatureDatabase database = Open("b.db");
     PosePriorRow prior;
     prior.image_id = b.images[1].id;
     prior.position.setConstant(std::numeric_limits<double>::quiet_NaN());
@@ -247,8 +248,7 @@ TEST_F(DatabaseMerging, RefusedDatabasesLeaveNothingBehind) {
   };
   MakeDatabase("b.db", "seq1");
   {
-    FeatureDatabase database(Path("b.db"),
-                             FeatureDatabase::OpenMode::kExisting);
+    FeatureDatabase database = Open("b.db");
     const ImageRow image = database.ReadStructure(Context()).images[0];
     auto keypoints = database.ReadKeypoints(image.id);
     keypoints[0].x_px += 1.0f;
@@ -559,8 +559,7 @@ TEST_F(DatabaseMerging, ColmapOpensTheResult) {
       "--database_path " +
       Path("merged.db"));
   EXPECT_EQ(output.exit_code, 0) << output.err;
-  FeatureDatabase database(Path("merged.db"),
-                           FeatureDatabase::OpenMode::kExisting);
+  FeatureDatabase database = Open("merged.db");
   EXPECT_TRUE(database.CountMatches().empty());
   EXPECT_EQ(database.ImagesWithKeypoints().size(), 8u);
 }
@@ -571,8 +570,7 @@ TEST_F(DatabaseMerging, CleaningDeletesWhatItSays) {
        {Rows::kMatches, Rows::kFeatures, Rows::kImages, Rows::kAll}) {
     MakeDatabase("a.db", "seq1");
     CleanDatabase(Path("a.db"), rows);
-    FeatureDatabase database(Path("a.db"),
-                             FeatureDatabase::OpenMode::kExisting);
+    FeatureDatabase database = Open("a.db");
     EXPECT_TRUE(database.CountMatches().empty());
     EXPECT_TRUE(database.CountInlierMatches().empty());
     const size_t num_features = rows == Rows::kMatches ? 4 : 0;

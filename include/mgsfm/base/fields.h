@@ -37,7 +37,7 @@ constexpr bool
     kHasFields<T, std::void_t<decltype(std::declval<const T&>().Fields())>> =
         true;
 
-// What a reader sees in place of an index of the scene. Idx is int, or an
+// The item that a reader sees in place of its index. Idx is int, or an
 // optional or vector of int.
 enum class Item { kCameraId, kFrameId, kFrameName, kImageName, kSensorName };
 template <Item kItem, class Idx>

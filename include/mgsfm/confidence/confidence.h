@@ -93,7 +93,7 @@ struct Seam {
   std::optional<double> sigma_position;
   std::optional<double> sigma_rotation_deg;
 
-  // Of both sides alike.
+  // The fields that do not depend on the side.
   auto Fields() const {
     return Named("num_pairs", num_pairs, "num_tracks", num_tracks, "num_ties",
                  num_ties, "num_confirmed_matches", num_confirmed,

@@ -144,7 +144,7 @@ struct RotationSummary {
   std::optional<double> median_error_deg;  // of the pairs kept by step 5
   std::optional<GravitySummary> gravity;   // if there are priors
 
-  // Of the rotations as a whole.
+  // The fields that belong to no sensor.
   auto Fields() const {
     return Named("gravity", gravity, "images", images, "frames", frames,
                  "joint", joint, "num_components", num_components,

@@ -33,7 +33,7 @@ struct CameraDelay {
   }
 };
 
-// How wrong the unit of length of a model may be, which a known rig or baseline
+// The error of the unit of length of a model, which a known rig or baseline
 // defines.
 struct UnitError {
   // The logarithm of the factor by which lengths of the model are too small, if

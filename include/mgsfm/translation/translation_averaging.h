@@ -96,7 +96,7 @@ struct TranslationSummary {
   size_t num_points = 0;
   bool is_metric = false;  // in the unit of the known sensor offsets
 
-  // Of the positions as a whole.
+  // The fields that belong to no sensor.
   auto Fields() const {
     return Named("initialization", initialization, "camera_refinement",
                  camera_refinement, "joint_refinement", joint_refinement,

@@ -105,7 +105,7 @@ void FeatureDatabase::Impl::Rollback() noexcept {
   try {
     AddTables();
   } catch (const std::exception&) {
-    // What failed before the rollback is reported.
+    // The error before the rollback is reported.
     tables_are_pending_ = false;
   }
 }

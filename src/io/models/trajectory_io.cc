@@ -27,7 +27,8 @@ std::optional<Rigid3> CamFromWorld(const Eigen::Vector3d& center,
   return pose.Inverse();
 }
 
-// By time, each once. Throws Error for different poses at one time.
+// Sorts poses by time and keeps equal ones once. Throws Error for different
+// poses at one time.
 std::vector<TimedPose> InOrder(std::vector<TimedPose> poses,
                                const std::filesystem::path& path) {
   std::stable_sort(poses.begin(), poses.end(),
