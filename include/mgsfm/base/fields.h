@@ -31,9 +31,9 @@ NamedFields<T...> Named(T&&... fields) {
 }
 
 template <class T, class = void>
-constexpr bool kHasFields = false;
+inline constexpr bool kHasFields = false;
 template <class T>
-constexpr bool
+inline constexpr bool
     kHasFields<T, std::void_t<decltype(std::declval<const T&>().Fields())>> =
         true;
 
