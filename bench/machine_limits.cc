@@ -6,8 +6,8 @@
 #include <cstring>
 #include <vector>
 
-#include "least_squares/chunk_passes.h"
 #include "mgsfm/base/timer.h"
+#include "rig_solver/chunk_passes.h"
 
 namespace mgsfm {
 namespace {

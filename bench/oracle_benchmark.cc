@@ -10,11 +10,11 @@
 #include <vector>
 
 #include "command.h"
-#include "io/files/output_file.h"
+#include "files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/simulator/simulation.h"
 #include "oracle/oracle.h"
 #include "simulated_run.h"
 

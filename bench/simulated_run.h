@@ -7,9 +7,9 @@
 #include "command.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/models/trajectory_io.h"
-#include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/models/trajectory_io.h"
+#include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {
 

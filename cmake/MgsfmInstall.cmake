@@ -1,15 +1,32 @@
-# find_package(mgsfm) defines mgsfm::NAME for each module and mgsfm::mgsfm for
-# all of them.
+# find_package(mgsfm) defines mgsfm::GROUP for each group of modules, mgsfm::core
+# for the mapper and all below it, and mgsfm::mgsfm for everything.
 include(CMakePackageConfigHelpers)
 
-get_property(modules GLOBAL PROPERTY MGSFM_MODULES)
-add_library(mgsfm_all INTERFACE)
-add_library(mgsfm::mgsfm ALIAS mgsfm_all)
-set_target_properties(mgsfm_all PROPERTIES EXPORT_NAME mgsfm)
-target_link_libraries(mgsfm_all INTERFACE ${modules})
+get_property(groups GLOBAL PROPERTY MGSFM_GROUPS)
+list(TRANSFORM groups PREPEND mgsfm_ OUTPUT_VARIABLE targets)
+set(components ${groups})
+set(packages_text)
+# mgsfm_add_component(NAME groups...): an interface of these.
+macro(mgsfm_add_component name)
+  add_library(mgsfm_component_${name} INTERFACE)
+  add_library(mgsfm::${name} ALIAS mgsfm_component_${name})
+  set_target_properties(mgsfm_component_${name} PROPERTIES EXPORT_NAME ${name})
+  set(packages)
+  foreach(group ${ARGN})
+    target_link_libraries(mgsfm_component_${name} INTERFACE mgsfm_${group})
+    get_property(inherited GLOBAL PROPERTY MGSFM_PACKAGES_OF_${group})
+    list(APPEND packages ${inherited})
+  endforeach()
+  list(REMOVE_DUPLICATES packages)
+  set_property(GLOBAL PROPERTY MGSFM_PACKAGES_OF_${name} ${packages})
+  list(APPEND targets mgsfm_component_${name})
+  list(APPEND components ${name})
+endmacro()
+mgsfm_add_component(core mapper)
+mgsfm_add_component(mgsfm ${groups})
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/mgsfm)
-install(TARGETS mgsfm_all ${modules} EXPORT mgsfmTargets
+install(TARGETS ${targets} EXPORT mgsfmTargets
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev)
 install(EXPORT mgsfmTargets NAMESPACE mgsfm:: DESTINATION ${package_dir}
@@ -19,11 +36,10 @@ install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/
   FILES_MATCHING PATTERN "*.h")
 
 set(packages_file ${PROJECT_BINARY_DIR}/mgsfmPackages.cmake)
-set(packages_text "set(mgsfm_MODULES ${MGSFM_MODULE_NAMES})\n")
-foreach(module IN LISTS MGSFM_MODULE_NAMES)
-  get_property(packages GLOBAL PROPERTY MGSFM_PACKAGES_OF_${module})
+foreach(component IN LISTS components)
+  get_property(packages GLOBAL PROPERTY MGSFM_PACKAGES_OF_${component})
   string(APPEND packages_text
-    "set(mgsfm_PACKAGES_OF_${module} ${packages})\n")
+    "set(mgsfm_PACKAGES_OF_${component} ${packages})\n")
 endforeach()
 file(WRITE ${packages_file} "${packages_text}")
 

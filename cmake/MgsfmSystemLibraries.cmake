@@ -63,7 +63,7 @@ endfunction()
 function(mgsfm_find_system_libraries)
   if("mgsfm_cholmod" IN_LIST ARGN)
     mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
-    # CHOLMOD is parallelised with OpenMP; src/math/sparse_solver.cc limits it
+    # CHOLMOD is parallelised with OpenMP; src/foundation/math/sparse_solver.cc limits it
     # to one thread.
     if(CMAKE_SYSTEM_NAME STREQUAL "Linux")
       target_link_libraries(mgsfm_cholmod INTERFACE gomp)

@@ -6,9 +6,9 @@
 #include <exception>
 #include <filesystem>
 
-#include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/models/model_scene.h"
 
 namespace {
 

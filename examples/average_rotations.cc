@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "mgsfm/base/mask.h"
-#include "mgsfm/io/models/scene_loading.h"
-#include "mgsfm/rotation/rotation_averaging.h"
+#include "mgsfm/models/scene_loading.h"
+#include "mgsfm/rotation_averaging/rotation_averaging.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
 
 namespace {

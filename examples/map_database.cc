@@ -10,9 +10,9 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/io/models/scene_loading.h"
-#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/models/scene_loading.h"
 
 namespace {
 

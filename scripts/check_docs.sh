@@ -46,11 +46,10 @@ fi
 # folder, and entries that their headers declare.
 page=docs/development/architecture.md
 modules() { sort -u | tr '\n' ' '; }
-in_page=$(grep -oE '^\| [a-z]+ \| `[a-z_]+`' "$page" | grep -oE '[a-z_]+`' | tr -d '`' | modules)
+in_page=$(sed -nE 's/^\| ([a-z]+) \| `([a-z_]+)`.*/\1\/\2/p' "$page" | modules)
 in_layers=$(sed -n "/^table='/,/^'/p" scripts/check_layers.sh |
-  grep -oE '^[a-z_]+:' | tr -d : | modules)
-in_code=$(find src -name CMakeLists.txt -exec grep -lE 'mgsfm_add_module' {} + |
-  sed 's|/CMakeLists.txt||; s|.*/||' | modules)
+  grep -oE '^[a-z]+/[a-z_]+:' | tr -d : | modules)
+in_code=$(find src -name CMakeLists.txt | sed 's|^src/||; s|/CMakeLists.txt||' | modules)
 if [ "$in_page" != "$in_layers" ] || [ "$in_page" != "$in_code" ]; then
   printf '%s\n' "modules of $page: $in_page" "of check_layers.sh: $in_layers" \
     "of src: $in_code" >&2

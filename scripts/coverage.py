@@ -50,11 +50,12 @@ def add_report(report, counts):
 
 
 def module_of(name):
-    """src/io/database for src/io, whose folders are many; else src/NAME."""
+    """GROUP/MODULE; a public header belongs to the module of its folder."""
     parts = pathlib.PurePath(name).parts
     if parts[0] == "include":
-        parts = ("src",) + parts[2:]
-    return "/".join(parts[:3 if parts[1] == "io" else 2])
+        folder, = (SOURCES / "src").glob(f"*/{parts[2]}")
+        return f"{folder.parent.name}/{parts[2]}"
+    return "/".join(parts[1:3] if parts[0] == "src" else parts[:2])
 
 
 def print_shares(shares):

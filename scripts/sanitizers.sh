@@ -14,7 +14,8 @@ if [ "${1:-}" != --short ]; then
 fi
 shift
 
-# mgsfm_NAME_test of tests/base, geometry, scene, io, features, matching, fuzz.
+# mgsfm_NAME_test of tests/foundation (but math), io, frontend/features,
+# frontend/matching, addons/exchange and fuzz.
 tests=(base geometry scene
   calibration database database_merging exchange frames_by_time
   image_timestamps import model_io point_colors pose_priors rig_config

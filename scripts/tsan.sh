@@ -7,10 +7,10 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-tests=(base math least_squares bundle rotation tracks translation view_graph
-  matching feature_extraction point_colors database scene_loading extension
-  soft_rig positions synthetic baselines report_page
-  undistortion pair_filtering frame_depths pipeline pipeline_interruption
+tests=(base math rig_solver bundle_adjustment rotation_averaging tracks translation_averaging view_graph
+  matching feature_extraction point_colors database scene_loading registration
+  soft_rig positions simulator baselines report_page
+  imaging pair_filtering frame_depths mapper mapper_interruption
   moving_objects live_view)
 targets=("${tests[@]/#/mgsfm_}")
 targets=("${targets[@]/%/_test}")

@@ -3,7 +3,7 @@
 
 #include "command.h"
 #include "commands.h"
-#include "io/database/database_cleaning.h"
+#include "database/database_cleaning.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -7,7 +7,7 @@
 #include "base/text_streams.h"
 #include "command.h"
 #include "commands.h"
-#include "io/database/database_merging.h"
+#include "database/database_merging.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -7,8 +7,8 @@
 #include "base/file_reading.h"
 #include "command.h"
 #include "commands.h"
-#include "io/database/image_list.h"
-#include "io/files/staged_output.h"
+#include "database/image_list.h"
+#include "files/staged_output.h"
 #include "mgsfm/base/error.h"
 #include "tool_model.h"
 

@@ -2,9 +2,9 @@
 #include "command.h"
 #include "commands.h"
 #include "image_run_summary.h"
+#include "imaging/image_splitting.h"
 #include "mapper_run.h"
 #include "mgsfm/features/feature_extraction.h"
-#include "undistortion/image_splitting.h"
 
 namespace mgsfm {
 namespace {

@@ -5,8 +5,8 @@
 #include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
+#include "files/staged_output.h"
 #include "geometry/geodetic.h"
-#include "io/files/staged_output.h"
 #include "mgsfm/base/error.h"
 #include "tool_model.h"
 

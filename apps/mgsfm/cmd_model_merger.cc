@@ -4,7 +4,7 @@
 #include "base/format.h"
 #include "command.h"
 #include "commands.h"
-#include "io/files/staged_output.h"
+#include "files/staged_output.h"
 #include "mgsfm/base/error.h"
 #include "sub_map_run.h"
 #include "tool_model.h"

@@ -7,10 +7,10 @@
 
 #include "command.h"
 #include "commands.h"
-#include "io/files/staged_output.h"
+#include "files/staged_output.h"
 #include "math/graph_partition.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/rigs/rig_config.h"
 #include "tool_model.h"
 
 namespace mgsfm {

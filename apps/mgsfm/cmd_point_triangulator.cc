@@ -3,13 +3,13 @@
 
 #include "command.h"
 #include "commands.h"
-#include "io/files/output_file.h"
-#include "io/files/staged_output.h"
+#include "files/output_file.h"
+#include "files/staged_output.h"
 #include "mapper_run.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
-#include "mgsfm/io/rigs/rig_config.h"
-#include "mgsfm/pipeline/report.h"
+#include "mgsfm/mapper/report.h"
+#include "mgsfm/rigs/rig_config.h"
 
 namespace mgsfm {
 namespace {

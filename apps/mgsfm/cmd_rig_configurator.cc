@@ -6,9 +6,9 @@
 #include "command.h"
 #include "commands.h"
 #include "exif_times.h"
-#include "io/models/rig_configuration.h"
 #include "mapper_run.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
+#include "models/rig_configuration.h"
 
 namespace mgsfm {
 namespace {

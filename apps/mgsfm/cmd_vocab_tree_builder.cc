@@ -9,8 +9,8 @@
 #include "commands.h"
 #include "matching/database_words.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/models/scene_loading.h"
 
 namespace mgsfm {
 namespace {

@@ -9,10 +9,10 @@
 
 #include "base/file_reading.h"
 #include "base/text_tools.h"
-#include "io/files/image_limits.h"
-#include "io/files/image_reading.h"
-#include "io/models/rows_to_scene.h"
+#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "mgsfm/base/error.h"
+#include "models/rows_to_scene.h"
 #include "named_model.h"
 
 namespace mgsfm {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/models/scene_loading.h"
 
 namespace mgsfm {
 

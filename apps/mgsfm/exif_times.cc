@@ -7,9 +7,9 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "features/image_file.h"
-#include "io/files/file_operations.h"
-#include "io/rigs/image_name_times.h"
+#include "files/file_operations.h"
 #include "mgsfm/base/error.h"
+#include "rigs/image_name_times.h"
 
 namespace mgsfm {
 

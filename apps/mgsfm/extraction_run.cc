@@ -8,7 +8,7 @@
 
 #include "base/format.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 
 namespace mgsfm {
 namespace {

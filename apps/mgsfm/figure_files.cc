@@ -3,7 +3,7 @@
 
 #include <exception>
 
-#include "io/files/file_operations.h"
+#include "files/file_operations.h"
 #include "mgsfm/report_page/figures.h"
 
 namespace mgsfm {

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/mapper/mapper.h"
 #include "mgsfm/report_page/report_page.h"
 
 namespace mgsfm {

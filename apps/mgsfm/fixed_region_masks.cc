@@ -5,8 +5,8 @@
 #include <map>
 #include <string>
 
-#include "io/files/file_operations.h"
-#include "io/files/mask_folder.h"
+#include "files/file_operations.h"
+#include "files/mask_folder.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -3,7 +3,7 @@
 
 #include <filesystem>
 
-#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/mapper/mapper.h"
 
 namespace mgsfm {
 

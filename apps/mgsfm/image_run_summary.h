@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "undistortion/image_run.h"
+#include "imaging/image_run.h"
 
 namespace mgsfm {
 

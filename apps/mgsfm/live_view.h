@@ -9,7 +9,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/mapper/mapper.h"
 #include "progress_text.h"
 
 namespace mgsfm {

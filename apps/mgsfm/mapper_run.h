@@ -5,13 +5,13 @@
 #include <string>
 
 #include "baselines/mapper_baselines.h"
-#include "extension/model_placement.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/io/models/scene_loading.h"
-#include "mgsfm/io/priors/pose_priors.h"
-#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/models/scene_loading.h"
+#include "mgsfm/priors/pose_priors.h"
+#include "models/model_placement.h"
 
 namespace mgsfm {
 

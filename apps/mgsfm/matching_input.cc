@@ -9,11 +9,11 @@
 
 #include "base/grouped_warnings.h"
 #include "command.h"
-#include "io/models/rows_to_scene.h"
 #include "matching/lens_check.h"
 #include "matching/selected_pairs.h"
 #include "matching/shard_matching.h"
 #include "mgsfm/base/error.h"
+#include "models/rows_to_scene.h"
 
 namespace mgsfm {
 namespace {

@@ -7,9 +7,9 @@
 #include "matching/pair_selection.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/database/feature_database.h"
 #include "mgsfm/matching/matching_options.h"
+#include "mgsfm/models/scene_loading.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

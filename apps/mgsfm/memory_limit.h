@@ -5,8 +5,8 @@
 #include <optional>
 #include <vector>
 
+#include "mgsfm/mapper/mapper.h"
 #include "mgsfm/model_tools/model_tools.h"
-#include "mgsfm/pipeline/mapper.h"
 
 namespace mgsfm {
 

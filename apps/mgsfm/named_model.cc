@@ -5,8 +5,8 @@
 #include <set>
 #include <utility>
 
-#include "io/models/model_tables.h"
 #include "mgsfm/base/error.h"
+#include "models/model_tables.h"
 
 namespace mgsfm {
 namespace {

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "mgsfm/geometry/rigid3.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/models/scene_loading.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

@@ -11,11 +11,11 @@
 
 #include "base/file_reading.h"
 #include "base/text_tools.h"
-#include "io/database/sqlite_snapshot.h"
-#include "io/files/image_limits.h"
-#include "io/files/image_reading.h"
-#include "io/files/model_files.h"
-#include "io/files/staged_output.h"
+#include "database/sqlite_snapshot.h"
+#include "files/image_limits.h"
+#include "files/image_reading.h"
+#include "files/model_files.h"
+#include "files/staged_output.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

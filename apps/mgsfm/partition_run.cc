@@ -8,9 +8,9 @@
 
 #include "base/file_reading.h"
 #include "command.h"
-#include "io/database/image_list.h"
-#include "io/files/output_file.h"
-#include "io/files/staged_output.h"
+#include "database/image_list.h"
+#include "files/output_file.h"
+#include "files/staged_output.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

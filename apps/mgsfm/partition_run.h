@@ -6,7 +6,7 @@
 
 #include "mapper_run.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/pipeline/view_graph_partition.h"
+#include "mgsfm/fleet/view_graph_partition.h"
 
 namespace mgsfm {
 

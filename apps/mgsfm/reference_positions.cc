@@ -5,11 +5,11 @@
 #include <map>
 #include <vector>
 
-#include "io/database/database_reader.h"
-#include "io/database/sqlite_snapshot.h"
-#include "io/priors/named_vectors.h"
+#include "database/database_reader.h"
+#include "database/sqlite_snapshot.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/priors/pose_priors.h"
+#include "priors/named_vectors.h"
 
 namespace mgsfm {
 namespace {

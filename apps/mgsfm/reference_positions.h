@@ -6,7 +6,7 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 

@@ -5,8 +5,8 @@
 #include <system_error>
 #include <utility>
 
-#include "io/files/file_operations.h"
-#include "io/files/model_files.h"
+#include "files/file_operations.h"
+#include "files/model_files.h"
 #include "mgsfm/report_page/report_page.h"
 
 namespace mgsfm {

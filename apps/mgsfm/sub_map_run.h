@@ -3,9 +3,9 @@
 
 #include <string>
 
+#include "fleet/sub_maps.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/bundle/bundle_adjustment.h"
-#include "model_tools/sub_maps.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "tool_model.h"
 
 namespace mgsfm {

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <utility>
 
-#include "mgsfm/io/models/model_scene.h"
-#include "mgsfm/io/priors/pose_priors.h"
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/models/model_scene.h"
+#include "mgsfm/priors/pose_priors.h"
+#include "mgsfm/rigs/rig_config.h"
 #include "scene/observations.h"
 
 namespace mgsfm {

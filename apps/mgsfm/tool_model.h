@@ -5,11 +5,11 @@
 #include <optional>
 #include <string>
 
-#include "io/files/staged_output.h"
+#include "files/staged_output.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/models/model_io.h"
 #include "mgsfm/model_tools/model_tools.h"
+#include "mgsfm/models/model_io.h"
 #include "mgsfm/scene/estimates.h"
 
 namespace mgsfm {

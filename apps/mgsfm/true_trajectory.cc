@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "base/text.h"
-#include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
+#include "rigs/image_name_times.h"
 
 namespace mgsfm {
 namespace {

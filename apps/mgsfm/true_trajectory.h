@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "mgsfm/eval/evaluation.h"
-#include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/evaluation/evaluation.h"
+#include "mgsfm/models/trajectory_io.h"
 #include "named_model.h"
 
 namespace mgsfm {

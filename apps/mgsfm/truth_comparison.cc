@@ -8,11 +8,11 @@
 
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/database.h"
-#include "mgsfm/io/models/scene_loading.h"
-#include "mgsfm/io/models/trajectory_io.h"
-#include "mgsfm/io/priors/pose_priors.h"
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/database/database.h"
+#include "mgsfm/models/scene_loading.h"
+#include "mgsfm/models/trajectory_io.h"
+#include "mgsfm/priors/pose_priors.h"
+#include "mgsfm/rigs/rig_config.h"
 #include "named_model.h"
 #include "true_trajectory.h"
 

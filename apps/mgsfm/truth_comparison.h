@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "mgsfm/base/options.h"
-#include "mgsfm/eval/evaluation.h"
+#include "mgsfm/evaluation/evaluation.h"
 
 namespace mgsfm {
 

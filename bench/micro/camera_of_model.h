@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "geometry/test_cameras.h"
+#include "foundation/geometry/test_cameras.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {

@@ -4,13 +4,13 @@
 #include <string>
 #include <vector>
 
-#include "least_squares/residuals.h"
-#include "least_squares/rig_equations.h"
-#include "least_squares/rig_fixtures.h"
+#include "estimation/rig_solver/rig_fixtures.h"
 #include "machine_limits.h"
 #include "math/sparse_solver.h"
 #include "micro/camera_of_model.h"
 #include "micro/groups.h"
+#include "rig_solver/residuals.h"
+#include "rig_solver/rig_equations.h"
 #include "solver/pass_cost.h"
 
 namespace mgsfm {

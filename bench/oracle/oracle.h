@@ -7,11 +7,11 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/solver.h"
-#include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/eval/evaluation.h"
-#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/evaluation/evaluation.h"
+#include "mgsfm/mapper/mapper.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "least_squares/rig_problem.h"
-#include "least_squares/rig_structure.h"
+#include "rig_solver/rig_problem.h"
+#include "rig_solver/rig_structure.h"
 
 namespace mgsfm {
 

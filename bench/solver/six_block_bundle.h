@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "least_squares/rig_problem.h"
 #include "mgsfm/base/solver.h"
+#include "rig_solver/rig_problem.h"
 
 namespace mgsfm {
 

@@ -137,7 +137,7 @@ def average_rotations(graph: ViewGraph, sensor_from_rig: SensorPoses = ONE_CAMER
       sensor_from_rig: Poses of the sensors in the rig; None: estimated. The
         first sensor is the reference and must be the identity.
       options: Of the group RotationAveraging of the command mapper, without
-        its name (docs/maths/rotation.md).
+        its name (docs/maths/rotation_averaging.md).
 
     Raises InputError if the graph has no pair.
     """
@@ -163,7 +163,7 @@ def average_translations(graph: ViewGraph, rotations: Rotations,
       component: Number of the component in rotations.components.
 
     Directions alone do not determine the distances along a straight path
-    (docs/maths/translation.md).
+    (docs/maths/translation_averaging.md).
     """
     result = _core.average_translations(
         graph._arrays(), _rows(sensor_from_rig),

@@ -17,7 +17,7 @@
 #include "arrays.h"
 #include "bindings.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 
 namespace mgsfm::python {
 namespace {

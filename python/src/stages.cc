@@ -15,8 +15,8 @@
 #include "caller.h"
 #include "command.h"
 #include "mgsfm/base/options_io.h"
-#include "mgsfm/rotation/rotation_averaging.h"
-#include "mgsfm/translation/translation_averaging.h"
+#include "mgsfm/rotation_averaging/rotation_averaging.h"
+#include "mgsfm/translation_averaging/translation_averaging.h"
 #include "scene/fields_json.h"
 
 namespace mgsfm::python {

@@ -20,7 +20,7 @@
 #include "allocations/sample_files.h"
 #include "base/file_reading.h"
 #include "features/image_file.h"
-#include "io/files/place_and_time_tags.h"
+#include "files/place_and_time_tags.h"
 
 namespace mgsfm {
 namespace {

@@ -6,11 +6,11 @@
 #include <utility>
 
 #include "allocations/result_bytes.h"
+#include "mapper/covariance_report.h"
+#include "mapper/run_summary.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/pipeline/report.h"
-#include "mgsfm/synthetic/simulation.h"
-#include "pipeline/covariance_report.h"
-#include "pipeline/run_summary.h"
+#include "mgsfm/mapper/report.h"
+#include "mgsfm/simulator/simulation.h"
 #include "support/partial_model.h"
 #include "support/prior_measurement.h"
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/mapper/mapper.h"
 
 namespace mgsfm {
 

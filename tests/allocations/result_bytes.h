@@ -11,25 +11,25 @@
 #include <utility>
 #include <vector>
 
+#include "mapper/motion_recipe.h"
+#include "mapper/position_recipe.h"
+#include "mapper/rotation_recipe.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/ids.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/solver.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
-#include "mgsfm/rotation/rotation_averaging.h"
+#include "mgsfm/rotation_averaging/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/tracks/track_establishment.h"
-#include "mgsfm/translation/translation_averaging.h"
+#include "mgsfm/translation_averaging/translation_averaging.h"
 #include "mgsfm/view_graph/focal_length_calibration.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
-#include "pipeline/motion_recipe.h"
-#include "pipeline/position_recipe.h"
-#include "pipeline/rotation_recipe.h"
 
 namespace mgsfm {
 

@@ -6,16 +6,16 @@
 #include <vector>
 
 #include "allocations/allocations.h"
-#include "base/sample_options.h"
-#include "io/database/image_list.h"
-#include "io/rigs/image_timestamps.h"
-#include "mgsfm/io/database/database.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/io/models/model_scene.h"
-#include "mgsfm/io/models/trajectory_io.h"
-#include "mgsfm/io/priors/pose_priors.h"
-#include "mgsfm/io/rigs/rig_config.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "database/image_list.h"
+#include "foundation/base/sample_options.h"
+#include "mgsfm/database/database.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/models/model_scene.h"
+#include "mgsfm/models/trajectory_io.h"
+#include "mgsfm/priors/pose_priors.h"
+#include "mgsfm/rigs/rig_config.h"
+#include "mgsfm/simulator/simulation.h"
+#include "rigs/image_timestamps.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -13,9 +13,9 @@
 #include "mgsfm/base/mask.h"
 #include "support/threads.h"
 #include "support/translation_input.h"
-#include "translation/position_initialization.h"
-#include "translation/position_problem.h"
-#include "translation/track_points.h"
+#include "translation_averaging/position_initialization.h"
+#include "translation_averaging/position_problem.h"
+#include "translation_averaging/track_points.h"
 
 namespace mgsfm {
 namespace {

@@ -6,8 +6,8 @@
 
 #include "baselines/mapper_baselines.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/simulator/simulation.h"
 #include "support/model_comparison.h"
 
 namespace mgsfm {

@@ -5,8 +5,8 @@
 #include <regex>
 
 #include "cli/program_runs.h"
-#include "io/files/image_reading.h"
-#include "mgsfm/io/models/model_io.h"
+#include "files/image_reading.h"
+#include "mgsfm/models/model_io.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "base/sample_options.h"
+#include "foundation/base/sample_options.h"
 #include "mgsfm/base/error.h"
 #include "support/temp_dir.h"
 

@@ -4,8 +4,8 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "cli/program_runs.h"
-#include "features/blob_images.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "frontend/features/blob_images.h"
+#include "mgsfm/database/feature_database.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

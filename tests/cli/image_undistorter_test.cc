@@ -12,7 +12,7 @@
 
 #include "cli/program_runs.h"
 #include "cli/running_program.h"
-#include "io/files/image_reading.h"
+#include "files/image_reading.h"
 #include "io/model_parser.h"
 #include "support/temp_dir.h"
 

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "cli/running_program.h"
-#include "io/database/sqlite_database.h"
-#include "matching/feature_world.h"
+#include "database/sqlite_database.h"
+#include "frontend/matching/feature_world.h"
 
 namespace mgsfm {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "cli/program_runs.h"
 #include "geometry/so3.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 
 namespace mgsfm {
 namespace {

@@ -7,7 +7,7 @@
 #include "base/option_range.h"
 #include "cli/program_runs.h"
 #include "commands.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 
 namespace mgsfm {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "cli/program_runs.h"
 #include "cli/rendered_drives.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

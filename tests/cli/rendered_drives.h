@@ -9,7 +9,7 @@
 #include <string>
 
 #include "geometry/so3.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 
 namespace mgsfm {
 

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "cli/running_program.h"
-#include "features/blob_images.h"
-#include "matching/feature_world.h"
-#include "mgsfm/io/models/model_io.h"
+#include "frontend/features/blob_images.h"
+#include "frontend/matching/feature_world.h"
+#include "mgsfm/models/model_io.h"
 #include "support/database_rows.h"
 
 namespace mgsfm {

@@ -6,7 +6,7 @@
 #include <memory>
 
 #include "faults/visible_files.h"
-#include "features/blob_images.h"
+#include "frontend/features/blob_images.h"
 
 namespace mgsfm {
 namespace {

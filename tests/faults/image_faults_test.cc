@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Commands that write images, and whole reconstructions from images.
 #include "faults/fault_sweep.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 #ifdef MGSFM_HAS_VIDEO
 #include "support/test_video.h"
 #endif

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <memory>
 
-#include "io/files/model_files.h"
+#include "files/model_files.h"
 
 namespace mgsfm {
 namespace {

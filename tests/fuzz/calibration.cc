@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration/calibration.h"
+#include "calibration/calibration.h"
 
 #include <cmath>
 

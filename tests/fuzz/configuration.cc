@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <sstream>
 
-#include "base/sample_options.h"
+#include "foundation/base/sample_options.h"
 #include "fuzz/fuzz_target.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 
 #include <sqlite3.h>
 
@@ -8,11 +8,11 @@
 #include <memory>
 #include <sstream>
 
+#include "database/database_pair_id.h"
+#include "database/database_schema.h"
 #include "fuzz/fuzz_target.h"
-#include "io/database/database_pair_id.h"
-#include "io/database/database_schema.h"
-#include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/models/scene_loading.h"
 
 namespace mgsfm {
 namespace {

@@ -2,8 +2,8 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "exchange/exchange_formats.h"
 #include "fuzz/fuzz_model.h"
-#include "io/exchange/exchange_formats.h"
 
 namespace mgsfm {
 namespace {

@@ -3,8 +3,8 @@
 #include <memory>
 
 #include "features/image_file.h"
+#include "files/image_reading.h"
 #include "fuzz/fuzz_target.h"
-#include "io/files/image_reading.h"
 
 namespace mgsfm {
 

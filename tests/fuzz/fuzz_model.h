@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "fuzz/fuzz_target.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/models/model_scene.h"
 
 namespace mgsfm {
 

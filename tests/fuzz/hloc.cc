@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "fuzz/fuzz_target.h"
-#include "io/hloc/hloc_files.h"
+#include "hloc/hloc_files.h"
 
 #ifdef MGSFM_FUZZER
 // The library keeps memory of files that it rejects.

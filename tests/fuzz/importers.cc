@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "exchange/import_formats.h"
 #include "fuzz/fuzz_model.h"
-#include "io/exchange/import_formats.h"
 
 namespace mgsfm {
 namespace {

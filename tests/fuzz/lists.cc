@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 
+#include "database/image_list.h"
 #include "fuzz/fuzz_target.h"
-#include "io/database/image_list.h"
 #include "matching/match_list.h"
 
 namespace mgsfm {

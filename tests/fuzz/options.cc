@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <sstream>
 
-#include "base/sample_options.h"
 #include "command.h"
+#include "foundation/base/sample_options.h"
 #include "fuzz/fuzz_target.h"
 
 namespace mgsfm {

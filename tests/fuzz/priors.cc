@@ -2,9 +2,9 @@
 #include <cmath>
 
 #include "fuzz/fuzz_target.h"
-#include "io/rigs/image_timestamps.h"
-#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/scene/scene.h"
+#include "rigs/image_timestamps.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/rigs/rig_config.h"
 
 #include <cmath>
 

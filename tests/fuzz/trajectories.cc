@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "fuzz/fuzz_target.h"
-#include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/models/trajectory_io.h"
 
 namespace mgsfm {
 namespace {

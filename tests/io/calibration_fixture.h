@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "calibration/calibration.h"
 #include "geometry/so3.h"
-#include "io/calibration/calibration.h"
 #include "io/test_database.h"
 #include "support/temp_dir.h"
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Calibrations of all formats, as rigs of a scene.
 #include "io/calibration_fixture.h"
-#include "mgsfm/io/models/scene_loading.h"
-#include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/models/scene_loading.h"
+#include "mgsfm/models/trajectory_io.h"
 #include "support/shared_data.h"
 
 namespace mgsfm {

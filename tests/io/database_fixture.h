@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "io/database/sqlite_database.h"
+#include "database/sqlite_database.h"
 #include "io/test_database.h"
 #include "support/temp_dir.h"
 

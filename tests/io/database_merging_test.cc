@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/database_merging.h"
+#include "database/database_merging.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,14 +9,14 @@
 #include <map>
 #include <set>
 
-#include "io/database/database_cleaning.h"
-#include "io/database/database_shard.h"
-#include "io/database/sqlite_database.h"
+#include "database/database_cleaning.h"
+#include "database/database_shard.h"
+#include "database/sqlite_database.h"
 #include "io/test_database.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/models/scene_loading.h"
-#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/models/scene_loading.h"
+#include "mgsfm/priors/pose_priors.h"
 #include "support/database_rows.h"
 #include "support/subprocess.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include <optional>
 
 #include "io/database_fixture.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 #include "support/threads.h"
 
 namespace mgsfm {

@@ -9,7 +9,7 @@
 #include <sstream>
 
 #include "io/exchange_fixture.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 #include "support/subprocess.h"
 
 namespace mgsfm {

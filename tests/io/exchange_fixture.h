@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "io/exchange/exchange_formats.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "exchange/exchange_formats.h"
+#include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

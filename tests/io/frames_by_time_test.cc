@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/frames_by_time.h"
+#include "rigs/frames_by_time.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,9 +8,9 @@
 #include <cmath>
 #include <set>
 
-#include "io/rigs/image_name_times.h"
 #include "io/test_database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/models/scene_loading.h"
+#include "rigs/image_name_times.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/image_timestamps.h"
+#include "rigs/image_timestamps.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "io/test_database.h"
-#include "mgsfm/io/models/scene_loading.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/models/scene_loading.h"
+#include "mgsfm/simulator/simulation.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 
 #include "io/model_parser.h"
 #include "io/test_database.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/simulator/simulation.h"
 #include "support/subprocess.h"
 
 namespace mgsfm {

@@ -9,8 +9,8 @@
 #include <map>
 
 #include "io/test_database.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/simulator/simulation.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

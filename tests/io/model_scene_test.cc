@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Conversion of a model to the scene and reconstruction that it was written
 // from.
-#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/models/model_scene.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,8 +9,8 @@
 #include "base/random.h"
 #include "geometry/so3.h"
 #include "io/test_database.h"
-#include "mgsfm/io/rigs/rig_config.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/rigs/rig_config.h"
+#include "mgsfm/simulator/simulation.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/point_colors.h"
+#include "models/point_colors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

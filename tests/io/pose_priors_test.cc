@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/priors/pose_priors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,10 +9,10 @@
 #include <limits>
 
 #include "geometry/geodetic.h"
-#include "io/priors/trajectory_positions.h"
 #include "io/test_database.h"
-#include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/models/scene_loading.h"
+#include "priors/trajectory_positions.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

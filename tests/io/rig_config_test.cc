@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/rigs/rig_config.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "io/test_database.h"
-#include "mgsfm/io/models/model_io.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/models/model_io.h"
+#include "mgsfm/models/scene_loading.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/rig_configuration.h"
+#include "models/rig_configuration.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

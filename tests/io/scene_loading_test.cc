@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/models/scene_loading.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <set>
 
 #include "io/test_database.h"
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/rigs/rig_config.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

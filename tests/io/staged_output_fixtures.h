@@ -7,7 +7,7 @@
 #include <map>
 #include <string>
 
-#include "io/files/staged_output.h"
+#include "files/staged_output.h"
 #include "io/test_database.h"
 #include "support/temp_dir.h"
 

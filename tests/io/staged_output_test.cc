@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/staged_output.h"
+#include "files/staged_output.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,7 +7,7 @@
 
 #include <string>
 
-#include "io/files/folder_lock.h"
+#include "files/folder_lock.h"
 #include "io/staged_output_fixtures.h"
 
 namespace mgsfm {

@@ -11,8 +11,8 @@
 #include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/database/database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/database/database.h"
+#include "mgsfm/models/scene_loading.h"
 #include "support/error_of.h"
 
 namespace mgsfm {

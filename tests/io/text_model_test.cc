@@ -7,7 +7,7 @@
 #include <map>
 #include <string>
 
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 #include "support/error_of.h"
 #include "support/temp_dir.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/models/trajectory_io.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -9,7 +9,7 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {
 

@@ -11,7 +11,7 @@
 
 #include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 #include "mgsfm/scene/estimates.h"
 
 namespace mgsfm {

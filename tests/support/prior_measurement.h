@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "synthetic/position_measurement.h"
+#include "simulator/position_measurement.h"
 
 namespace mgsfm {
 

@@ -10,8 +10,8 @@
 
 #include "base/random.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/synthetic/simulation.h"
-#include "mgsfm/translation/translation_averaging.h"
+#include "mgsfm/simulator/simulation.h"
+#include "mgsfm/translation_averaging/translation_averaging.h"
 
 namespace mgsfm {
 

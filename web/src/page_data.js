@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Reads what src/report_page/scene_data.cc writes.
+// Reads what src/addons/report_page/scene_data.cc writes.
 
 const ARRAY_TYPES = {
   f32: Float32Array,

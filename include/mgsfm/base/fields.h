@@ -8,7 +8,7 @@
 namespace mgsfm {
 
 // A summary names its fields once, in the order of the report; the report and
-// the dicts of Python follow (src/scene/fields_json.h):
+// the dicts of Python follow (src/foundation/scene/fields_json.h):
 //
 //   struct TrackSummary {
 //     int num_tracks = 0;

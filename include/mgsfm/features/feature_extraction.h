@@ -7,7 +7,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 
 namespace mgsfm {
 
@@ -70,7 +70,8 @@ struct ImageReaderOptions {
   }
 };
 
-// Names are COLMAP's; the detector is described in src/features/sift.h.
+// Names are COLMAP's; the detector is described in
+// src/frontend/features/sift.h.
 struct SiftOptions {
   Option<int> max_image_size{
       "max_image_size", 3200, AtLeast(16), "px",

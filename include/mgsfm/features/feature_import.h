@@ -6,8 +6,8 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
+#include "mgsfm/database/feature_database.h"
 #include "mgsfm/features/feature_extraction.h"
-#include "mgsfm/io/database/feature_database.h"
 
 namespace mgsfm {
 

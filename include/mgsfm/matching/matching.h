@@ -5,7 +5,7 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 #include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"
 

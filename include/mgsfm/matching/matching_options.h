@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/priors/pose_priors.h"
 
 namespace mgsfm {
 

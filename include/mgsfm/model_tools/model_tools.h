@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "mgsfm/base/mask.h"
-#include "mgsfm/eval/evaluation.h"
+#include "mgsfm/evaluation/evaluation.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -101,9 +101,9 @@ struct MergeSummary {
 // Adds the second model to the first, in whose world the result is. Images are
 // the same if their names are; frames are the same if they share an image, or
 // if their rigs have the same sensors and they have the same name. Common
-// frames provide the poses for AlignPoses (mgsfm/eval/evaluation.h), one per
-// common sensor. Poses and intrinsics of the first model are kept. Points that
-// share an observation become one.
+// frames provide the poses for AlignPoses (mgsfm/evaluation/evaluation.h), one
+// per common sensor. Poses and intrinsics of the first model are kept. Points
+// that share an observation become one.
 //
 // Throws Error, naming images or cameras, if there are too few common images,
 // or if the models contradict each other: in rigs, frames, camera models,

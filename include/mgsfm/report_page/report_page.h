@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/eval/evaluation.h"
+#include "mgsfm/evaluation/evaluation.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"

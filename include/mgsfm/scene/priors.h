@@ -42,7 +42,7 @@ inline const GravityPriors kNoGravity;
 
 // The extent of a pose-graph deformation: the largest displacement, in the unit
 // of the positions, and rotation of a frame. See
-// src/priors/pose_graph_deformation.h.
+// src/estimation/georegistration/pose_graph_deformation.h.
 struct ModelDeformation {
   double max_shift = 0.0;
   double max_rotation_deg = 0.0;

@@ -11,7 +11,7 @@
 #include "mgsfm/base/fields.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/solver.h"
-#include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -50,9 +50,9 @@ namespace mgsfm {
 //               derivative of S_s D_i. Fixed extrinsics do not move.
 //   time:       kTimeOffset only: D_i = T(t_i + offset_s) T(t_f)^-1 with the
 //               timestamps t_i of the image and t_f of the frame and the
-//               trajectory T of the rig (src/soft_rig/rig_trajectory.h). The
-//               offset is the seventh coordinate of the step. Otherwise D_i is
-//               the identity.
+//               trajectory T of the rig
+//               (src/estimation/soft_rig/rig_trajectory.h). The offset is the
+//               seventh coordinate of the step. Otherwise D_i is the identity.
 // The sums run over at most 200 frames per rig that have several images.
 //
 // Gauge: that of bundle adjustment. Without position priors, scale is fixed to

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration/calibration.h"
+#include "calibration/calibration.h"
 
 #include <algorithm>
 #include <filesystem>
 #include <map>
 
 #include "base/file_reading.h"
-#include "io/calibration/formats.h"
-#include "io/calibration/yaml_value.h"
+#include "calibration/formats.h"
+#include "calibration/yaml_value.h"
 #include "mgsfm/base/error.h"
 #include "scene/intrinsics_check.h"
 #include "scene/value_check.h"

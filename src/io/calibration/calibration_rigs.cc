@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration/calibration_rigs.h"
+#include "calibration/calibration_rigs.h"
 
 #include <algorithm>
 #include <cctype>
@@ -12,8 +12,8 @@
 
 #include "base/file_reading.h"
 #include "base/format.h"
-#include "io/calibration/calibration.h"
-#include "io/calibration/yaml_value.h"
+#include "calibration/calibration.h"
+#include "calibration/yaml_value.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "io/rigs/rig_inference.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/rigs/rig_config.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration/formats.h"
-#include "io/calibration/lens_models.h"
+#include "calibration/formats.h"
+#include "calibration/lens_models.h"
 
 namespace mgsfm {
 namespace {

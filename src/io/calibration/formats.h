@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "io/calibration/calibration.h"
-#include "io/calibration/yaml_value.h"
+#include "calibration/calibration.h"
+#include "calibration/yaml_value.h"
 
 namespace mgsfm {
 

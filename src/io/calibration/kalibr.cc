@@ -3,8 +3,8 @@
 #include <optional>
 
 #include "base/natural_order.h"
-#include "io/calibration/formats.h"
-#include "io/calibration/lens_models.h"
+#include "calibration/formats.h"
+#include "calibration/lens_models.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

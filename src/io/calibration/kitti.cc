@@ -7,10 +7,10 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "calibration/formats.h"
+#include "calibration/lens_models.h"
+#include "files/image_limits.h"
 #include "geometry/rigid_matrix.h"
-#include "io/calibration/formats.h"
-#include "io/calibration/lens_models.h"
-#include "io/files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration/lens_models.h"
+#include "calibration/lens_models.h"
 
 #include <algorithm>
 #include <cmath>

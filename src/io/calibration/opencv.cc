@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <Eigen/LU>
 
+#include "calibration/formats.h"
+#include "calibration/lens_models.h"
 #include "geometry/rigid_matrix.h"
-#include "io/calibration/formats.h"
-#include "io/calibration/lens_models.h"
 
 namespace mgsfm {
 namespace {

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "base/format.h"
+#include "calibration/lens_models.h"
 #include "geometry/so3.h"
-#include "io/calibration/lens_models.h"
 
 namespace mgsfm {
 namespace {

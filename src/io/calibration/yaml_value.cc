@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration/yaml_value.h"
+#include "calibration/yaml_value.h"
 
 #include <Eigen/Core>
 #include <cmath>
 #include <set>
 
 #include "base/text.h"
+#include "files/image_limits.h"
 #include "geometry/rigid_matrix.h"
-#include "io/files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/database_cleaning.h"
+#include "database/database_cleaning.h"
 
 #include <filesystem>
 
-#include "io/database/sqlite_database.h"
+#include "database/sqlite_database.h"
 
 namespace mgsfm {
 namespace {

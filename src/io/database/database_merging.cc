@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/database_merging.h"
+#include "database/database_merging.h"
 
 #include <algorithm>
 #include <filesystem>
@@ -12,16 +12,16 @@
 #include <utility>
 
 #include "base/text.h"
-#include "io/database/database_pair_id.h"
-#include "io/database/database_reader.h"
-#include "io/database/database_rows.h"
-#include "io/database/database_shard.h"
-#include "io/database/feature_keypoints.h"
-#include "io/database/merged_structure.h"
-#include "io/database/sqlite_snapshot.h"
-#include "io/files/file_operations.h"
+#include "database/database_pair_id.h"
+#include "database/database_reader.h"
+#include "database/database_rows.h"
+#include "database/database_shard.h"
+#include "database/feature_keypoints.h"
+#include "database/merged_structure.h"
+#include "database/sqlite_snapshot.h"
+#include "files/file_operations.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/database_reader.h"
+#include "database/database_reader.h"
 
 #include <algorithm>
 #include <cstring>
@@ -8,11 +8,11 @@
 
 #include "base/parallel.h"
 #include "base/text.h"
-#include "io/database/database_pair_id.h"
-#include "io/database/database_rows.h"
-#include "io/database/sqlite_snapshot.h"
+#include "database/database_pair_id.h"
+#include "database/database_rows.h"
+#include "database/sqlite_snapshot.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "io/database/sqlite_database.h"
+#include "database/sqlite_database.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 
 namespace mgsfm {
 

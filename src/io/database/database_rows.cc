@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/database_rows.h"
+#include "database/database_rows.h"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -9,7 +9,7 @@
 #include <limits>
 #include <set>
 
-#include "io/database/database_pair_id.h"
+#include "database/database_pair_id.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "io/database/sqlite_database.h"
-#include "mgsfm/io/database/database.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "database/sqlite_database.h"
+#include "mgsfm/database/database.h"
+#include "mgsfm/database/feature_database.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/database_schema.h"
+#include "database/database_schema.h"
 
 #include <string>
 

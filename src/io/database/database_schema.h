@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "io/database/sqlite_database.h"
+#include "database/sqlite_database.h"
 
 namespace mgsfm {
 

@@ -5,11 +5,11 @@
 #include <optional>
 #include <string>
 
-#include "io/database/sqlite_database.h"
+#include "database/sqlite_database.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/ids.h"
-#include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/database/shard.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/database/shard.h"
 
 namespace mgsfm {
 

@@ -5,12 +5,12 @@
 #include <set>
 #include <system_error>
 
-#include "io/database/database_pair_id.h"
-#include "io/database/database_rows.h"
-#include "io/database/database_schema.h"
-#include "io/database/sqlite_database.h"
+#include "database/database_pair_id.h"
+#include "database/database_rows.h"
+#include "database/database_schema.h"
+#include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 
 namespace mgsfm {
 namespace {

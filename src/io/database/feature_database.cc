@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 
 #include <algorithm>
 #include <utility>
 
-#include "io/database/database_pair_id.h"
-#include "io/database/database_reader.h"
-#include "io/database/database_rows.h"
-#include "io/database/database_schema.h"
-#include "io/database/database_shard.h"
-#include "io/database/feature_database_impl.h"
-#include "io/database/feature_keypoints.h"
-#include "io/database/sqlite_database.h"
+#include "database/database_pair_id.h"
+#include "database/database_reader.h"
+#include "database/database_rows.h"
+#include "database/database_schema.h"
+#include "database/database_shard.h"
+#include "database/feature_database_impl.h"
+#include "database/feature_keypoints.h"
+#include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

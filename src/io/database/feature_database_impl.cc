@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/feature_database_impl.h"
+#include "database/feature_database_impl.h"
 
 #include <algorithm>
 #include <exception>
@@ -9,9 +9,9 @@
 #include <tuple>
 #include <utility>
 
-#include "io/database/database_pair_id.h"
-#include "io/database/database_reader.h"
-#include "io/database/database_schema.h"
+#include "database/database_pair_id.h"
+#include "database/database_reader.h"
+#include "database/database_schema.h"
 
 namespace mgsfm {
 namespace {

@@ -10,11 +10,11 @@
 #include <string>
 #include <vector>
 
-#include "io/database/database_rows.h"
-#include "io/database/sqlite_database.h"
-#include "io/database/sqlite_snapshot.h"
+#include "database/database_rows.h"
+#include "database/sqlite_database.h"
+#include "database/sqlite_snapshot.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/database/feature_database.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/feature_keypoints.h"
+#include "database/feature_keypoints.h"
 
 #include <cmath>
 #include <cstring>

@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "io/database/database_rows.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "database/database_rows.h"
+#include "mgsfm/database/feature_database.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/image_list.h"
+#include "database/image_list.h"
 
 #include <algorithm>
 

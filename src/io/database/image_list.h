@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/merged_structure.h"
+#include "database/merged_structure.h"
 
 #include <algorithm>
 #include <limits>
@@ -8,8 +8,8 @@
 #include <tuple>
 #include <utility>
 
-#include "io/database/database_rows.h"
-#include "io/database/sqlite_database.h"
+#include "database/database_rows.h"
+#include "database/sqlite_database.h"
 #include "math/union_find.h"
 
 namespace mgsfm {

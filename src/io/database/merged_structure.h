@@ -7,7 +7,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "mgsfm/io/database/database.h"
+#include "mgsfm/database/database.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/sqlite_database.h"
+#include "database/sqlite_database.h"
 
 #include <algorithm>
 #include <cctype>

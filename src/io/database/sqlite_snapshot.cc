@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/sqlite_snapshot.h"
+#include "database/sqlite_snapshot.h"
 
 #include <sys/stat.h>
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "io/database/sqlite_database.h"
+#include "database/sqlite_database.h"
 
 namespace mgsfm {
 

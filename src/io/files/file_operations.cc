@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/file_operations.h"
+#include "files/file_operations.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -10,7 +10,7 @@
 #include <system_error>
 #include <vector>
 
-#include "io/files/output_file.h"
+#include "files/output_file.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

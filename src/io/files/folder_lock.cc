@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/folder_lock.h"
+#include "files/folder_lock.h"
 
 #include <fcntl.h>
 #include <sys/file.h>

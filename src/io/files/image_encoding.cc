@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/image_encoding.h"
+#include "files/image_encoding.h"
 
 #include <cstdint>
 #include <opencv2/imgcodecs.hpp>
 
-#include "io/files/image_reading.h"
+#include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/image_reading.h"
+#include "files/image_reading.h"
 
 #include <algorithm>
 #include <cctype>

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/image_writing.h"
+#include "files/image_writing.h"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string>
 
-#include "io/files/image_encoding.h"
-#include "io/files/output_file.h"
+#include "files/image_encoding.h"
+#include "files/output_file.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

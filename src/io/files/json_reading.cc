@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/json_reading.h"
+#include "files/json_reading.h"
 
 #include <set>
 #include <vector>

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/mask_folder.h"
+#include "files/mask_folder.h"
 
 #include <opencv2/core.hpp>
 #include <system_error>
 
-#include "io/files/image_encoding.h"
+#include "files/image_encoding.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

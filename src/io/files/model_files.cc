@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/model_files.h"
+#include "files/model_files.h"
 
 #include <algorithm>
 #include <iterator>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/output_file.h"
+#include "files/output_file.h"
 
 #include <cerrno>
 #include <fstream>

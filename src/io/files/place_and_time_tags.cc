@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/place_and_time_tags.h"
+#include "files/place_and_time_tags.h"
 
 #include <exiv2/exiv2.hpp>
 #include <new>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/staged_output.h"
+#include "files/staged_output.h"
 
 #include <sys/stat.h>
 #include <unistd.h>
@@ -9,9 +9,9 @@
 #include <string>
 #include <system_error>
 
-#include "io/files/folder_lock.h"
-#include "io/files/model_files.h"
-#include "io/files/output_file.h"
+#include "files/folder_lock.h"
+#include "files/model_files.h"
+#include "files/output_file.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

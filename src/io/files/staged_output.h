@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "io/files/file_operations.h"
+#include "files/file_operations.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/hloc/hdf5_file.h"
+#include "hloc/hdf5_file.h"
 
 #include <hdf5.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Replaces hdf5_file.cc in builds without HDF5.
-#include "io/hloc/hdf5_file.h"
+#include "hloc/hdf5_file.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

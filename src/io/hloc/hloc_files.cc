@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/hloc/hloc_files.h"
+#include "hloc/hloc_files.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 
 #include "base/text.h"
-#include "io/files/image_limits.h"
+#include "files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

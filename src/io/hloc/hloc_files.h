@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "io/hloc/hdf5_file.h"
-#include "mgsfm/io/database/feature_database.h"
+#include "hloc/hdf5_file.h"
+#include "mgsfm/database/feature_database.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {

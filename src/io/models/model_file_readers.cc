@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/model_file_readers.h"
+#include "models/model_file_readers.h"
 
 #include <charconv>
 #include <limits>
@@ -7,8 +7,8 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
-#include "io/models/model_format.h"
 #include "mgsfm/base/error.h"
+#include "models/model_format.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "base/text.h"
-#include "io/models/model_file_readers.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
+#include "models/model_file_readers.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/model_rig_poses.h"
+#include "models/model_rig_poses.h"
 
 #include <algorithm>
 

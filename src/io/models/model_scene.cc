@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/models/model_scene.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -10,11 +10,11 @@
 #include <vector>
 
 #include "geometry/so3.h"
-#include "io/models/model_rig_poses.h"
-#include "io/models/model_tables.h"
-#include "io/models/observation_check.h"
-#include "io/models/rows_to_scene.h"
 #include "mgsfm/base/error.h"
+#include "models/model_rig_poses.h"
+#include "models/model_tables.h"
+#include "models/observation_check.h"
+#include "models/rows_to_scene.h"
 
 namespace mgsfm {
 namespace {

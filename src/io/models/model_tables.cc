@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/model_tables.h"
+#include "models/model_tables.h"
 
 #include <Eigen/Geometry>
 #include <map>

@@ -3,8 +3,8 @@
 
 #include <filesystem>
 
-#include "mgsfm/io/database/database.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/database/database.h"
+#include "mgsfm/models/model_io.h"
 
 namespace mgsfm {
 

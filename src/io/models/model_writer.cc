@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "io/files/output_file.h"
-#include "io/models/model_format.h"
+#include "files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
+#include "models/model_format.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/observation_check.h"
+#include "models/observation_check.h"
 
 #include <algorithm>
 #include <map>

@@ -4,7 +4,7 @@
 #include <filesystem>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/models/model_io.h"
 
 namespace mgsfm {
 

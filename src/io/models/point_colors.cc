@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/point_colors.h"
+#include "models/point_colors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include "base/file_reading.h"
 #include "base/parallel.h"
-#include "io/files/image_reading.h"
+#include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/rig_configuration.h"
+#include "models/rig_configuration.h"
 
 #include <map>
 #include <utility>
 #include <vector>
 
-#include "io/models/rows_to_scene.h"
-#include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
+#include "models/rows_to_scene.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/models/scene_loading.h"
 
 namespace mgsfm {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/models/rows_to_scene.h"
+#include "models/rows_to_scene.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,16 +11,16 @@
 
 #include "base/nanoseconds.h"
 #include "base/text.h"
-#include "io/calibration/calibration_rigs.h"
-#include "io/rigs/frames_by_time.h"
-#include "io/rigs/image_name_times.h"
-#include "io/rigs/image_timestamps.h"
-#include "io/rigs/rig_inference.h"
-#include "io/rigs/scene_builder.h"
+#include "calibration/calibration_rigs.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/io/models/model_scene.h"
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/models/model_scene.h"
+#include "mgsfm/rigs/rig_config.h"
+#include "rigs/frames_by_time.h"
+#include "rigs/image_name_times.h"
+#include "rigs/image_timestamps.h"
+#include "rigs/rig_inference.h"
+#include "rigs/scene_builder.h"
 #include "scene/intrinsics_check.h"
 
 namespace mgsfm {

@@ -4,8 +4,8 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/database/database.h"
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/database/database.h"
+#include "mgsfm/models/scene_loading.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/models/scene_loading.h"
 
 #include <algorithm>
 #include <map>
 #include <tuple>
 #include <utility>
 
-#include "io/models/rows_to_scene.h"
 #include "mgsfm/base/error.h"
+#include "models/rows_to_scene.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/models/trajectory_io.h"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -10,10 +10,10 @@
 
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "calibration/yaml_value.h"
 #include "geometry/rigid_matrix.h"
-#include "io/calibration/yaml_value.h"
-#include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
+#include "rigs/image_name_times.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/priors/named_vectors.h"
+#include "priors/named_vectors.h"
 
 #include <map>
 #include <optional>

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "io/files/other_images.h"
+#include "files/other_images.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/priors/pose_priors.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
@@ -12,16 +12,16 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "database/database_rows.h"
+#include "database/sqlite_snapshot.h"
+#include "files/json_reading.h"
+#include "files/output_file.h"
 #include "geometry/geodetic.h"
 #include "geometry/so3.h"
-#include "io/database/database_rows.h"
-#include "io/database/sqlite_snapshot.h"
-#include "io/files/json_reading.h"
-#include "io/files/output_file.h"
-#include "io/priors/named_vectors.h"
-#include "io/priors/trajectory_positions.h"
-#include "io/rigs/scene_builder.h"
 #include "mgsfm/base/error.h"
+#include "priors/named_vectors.h"
+#include "priors/trajectory_positions.h"
+#include "rigs/scene_builder.h"
 
 namespace mgsfm {
 namespace {

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/priors/trajectory_positions.h"
+#include "priors/trajectory_positions.h"
 
 #include <algorithm>
 #include <optional>
 
 #include "base/text_lines.h"
-#include "io/rigs/image_name_times.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/models/trajectory_io.h"
+#include "rigs/image_name_times.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/frames_by_time.h"
+#include "rigs/frames_by_time.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,9 +10,9 @@
 
 #include "base/format.h"
 #include "base/nanoseconds.h"
-#include "io/rigs/image_name_times.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "rigs/image_name_times.h"
 
 namespace mgsfm {
 namespace {

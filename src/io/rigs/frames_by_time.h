@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "io/rigs/rig_inference.h"
 #include "mgsfm/base/context.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 

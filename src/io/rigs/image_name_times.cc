@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/image_name_times.h"
+#include "rigs/image_name_times.h"
 
 #include <re2/re2.h>
 
@@ -9,7 +9,7 @@
 
 #include "base/nanoseconds.h"
 #include "base/text.h"
-#include "io/rigs/rig_inference.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/image_timestamps.h"
+#include "rigs/image_timestamps.h"
 
 #include <algorithm>
 #include <limits>
@@ -11,10 +11,10 @@
 #include "base/natural_order.h"
 #include "base/text.h"
 #include "base/text_lines.h"
-#include "io/files/output_file.h"
-#include "io/rigs/image_name_times.h"
+#include "files/output_file.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "rigs/image_name_times.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/name_patterns.h"
+#include "rigs/name_patterns.h"
 
 #include <algorithm>
 #include <cctype>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/rigs/rig_config.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,11 +9,11 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
-#include "io/files/json_reading.h"
-#include "io/files/output_file.h"
-#include "io/rigs/name_patterns.h"
-#include "io/rigs/rig_inference.h"
+#include "files/json_reading.h"
+#include "files/output_file.h"
 #include "mgsfm/base/error.h"
+#include "rigs/name_patterns.h"
+#include "rigs/rig_inference.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/rig_inference.h"
+#include "rigs/rig_inference.h"
 
 #include <algorithm>
 #include <cctype>

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/database/database.h"
-#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/database/database.h"
+#include "mgsfm/rigs/rig_config.h"
 
 namespace mgsfm {
 

@@ -8,11 +8,11 @@
 #include <utility>
 #include <vector>
 
-#include "io/rigs/frames_by_time.h"
-#include "io/rigs/name_patterns.h"
-#include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "rigs/frames_by_time.h"
+#include "rigs/name_patterns.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {

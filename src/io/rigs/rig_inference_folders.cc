@@ -3,10 +3,10 @@
 #include <map>
 #include <set>
 
-#include "io/rigs/frames_by_time.h"
-#include "io/rigs/rig_inference.h"
-#include "io/rigs/rig_rule_suggestion.h"
 #include "mgsfm/base/error.h"
+#include "rigs/frames_by_time.h"
+#include "rigs/rig_inference.h"
+#include "rigs/rig_rule_suggestion.h"
 
 namespace mgsfm {
 namespace {

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <map>
 
-#include "io/rigs/frames_by_time.h"
-#include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "rigs/frames_by_time.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {

@@ -3,9 +3,9 @@
 #include <map>
 #include <set>
 
-#include "io/rigs/name_patterns.h"
-#include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
+#include "rigs/name_patterns.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/rig_rule_suggestion.h"
+#include "rigs/rig_rule_suggestion.h"
 
 #include <re2/re2.h>
 
@@ -10,8 +10,8 @@
 #include <tuple>
 #include <vector>
 
-#include "io/rigs/frames_by_time.h"
-#include "io/rigs/name_patterns.h"
+#include "rigs/frames_by_time.h"
+#include "rigs/name_patterns.h"
 
 namespace mgsfm {
 namespace {

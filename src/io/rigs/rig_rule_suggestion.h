@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "io/rigs/rig_inference.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 

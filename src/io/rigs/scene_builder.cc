@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/rigs/scene_builder.h"
+#include "rigs/scene_builder.h"
 
 #include <algorithm>
 #include <map>

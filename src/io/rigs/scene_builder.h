@@ -4,9 +4,9 @@
 #include <optional>
 #include <string>
 
-#include "io/rigs/rig_inference.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/scene/scene.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 

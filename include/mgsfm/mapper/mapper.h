@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/base/timer.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/bundle_adjustment/uncertainty.h"
+#include "mgsfm/input_check/finding.h"
+#include "mgsfm/input_check/kept_matches.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/registration/model_extension.h"
+#include "mgsfm/rotation_averaging/rotation_averaging.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/priors.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "mgsfm/seams/confidence.h"
+#include "mgsfm/soft_rig/rig_delays.h"
+#include "mgsfm/soft_rig/soft_rig.h"
+#include "mgsfm/tracks/track_establishment.h"
+#include "mgsfm/translation_averaging/translation_averaging.h"
+#include "mgsfm/view_graph/focal_length_calibration.h"
+#include "mgsfm/view_graph/view_graph_estimation.h"
+
+namespace mgsfm {
+
+// The mapper estimates rig-consistent models from verified matches.
+//
+//   focal lengths -> view graph -> rotations
+//       once, for all images together
+//   -> tracks -> positions -> bundle adjustment
+//       for each connected component of the view graph
+//
+// All components share the rotations of sensors in their rigs. A component of
+// at least `min_num_frames` frames becomes a model with a world frame of its
+// own. The rig and the intrinsics of the largest component, with their
+// covariances, are priors of the others, which also take its unit of length
+// unless no baseline of the rig is determined. Beside the largest one, models
+// of fewer than `min_model_size` images are dropped, as in COLMAP: few frames
+// of one component are often wrong.
+
+// Treatment of the weak seams of a model (mgsfm/seams/confidence.h).
+enum class WeakSeams {
+  kKeep,        // they are reported; only the sides of seams that no point
+                // crosses become models of their own, as nothing places one
+                // side relative to the other
+  kSplitJumps,  // so do the sides of jumps, which contradict the motion of the
+                // rig
+  kSplit,       // so do the sides of all of them
+};
+
+template <>
+struct EnumTable<WeakSeams> {
+  static constexpr std::pair<std::string_view, WeakSeams> kNames[] = {
+      {"keep", WeakSeams::kKeep},
+      {"split_jumps", WeakSeams::kSplitJumps},
+      {"split", WeakSeams::kSplit}};
+};
+
+struct MapperOptions {
+  Option<int> min_num_frames{
+      "min_num_frames", 3, AtLeast(2), "frames",
+      "Connected components with fewer frames do not become models."};
+  Option<int> min_model_size{
+      "Mapper.min_model_size", 10, AtLeast(1), "images",
+      "Models with fewer images are not written, except for the largest one."};
+  Option<bool> compute_covariances{
+      "compute_covariances", false,
+      "Compute the covariances of the poses of sensors in their rig and of "
+      "frames, and write them to covariances.csv next to each model."};
+
+  Option<std::string> metric_scale{
+      "metric_scale", "",
+      "known_baseline=CAMERA1:CAMERA2:METRES scales models such that the two "
+      "cameras of a rig are this far apart. Neither a known rig nor measured "
+      "positions need it."};
+  Option<WeakSeams> weak_seams{
+      "Mapper.weak_seams", WeakSeams::kKeep,
+      "Choose what happens at the weak seams of a model: keep reports them, "
+      "split makes a model of each side, and split_jumps does so only where "
+      "adjacent frames contradict the motion of the rig. Sides whose relative "
+      "pose no points determine are models of their own in any case. Split if "
+      "a wrong model is worse than several partial ones."};
+
+  FocalLengthOptions focal_lengths;
+  ViewGraphOptions view_graph;
+  PairFilteringOptions pair_filtering;
+  RotationAveragingOptions rotation_averaging;
+  TrackOptions tracks;
+  MatchSelectionOptions match_selection;
+  TranslationAveragingOptions translation_averaging;
+  BundleAdjustmentOptions bundle_adjustment;
+  ExtensionOptions extension;  // listed by commands that can have a start
+  SoftRigOptions soft_rig;
+  ConfidenceOptions confidence;
+  // Whether models are only made for the lenses of their cameras: without
+  // delays of cameras and without tests of seams. Not an option of commands.
+  bool is_for_lenses = false;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_num_frames, min_model_size, compute_covariances, metric_scale,
+          weak_seams);
+    visit.Group("FocalLengths", focal_lengths);
+    visit.Group("ViewGraph", view_graph);
+    visit.Group("PairFiltering", pair_filtering);
+    visit.Group("RotationAveraging", rotation_averaging);
+    visit.Group("Tracks", tracks);
+    visit.Group("TranslationAveraging", translation_averaging);
+    visit.Group("BundleAdjustment", bundle_adjustment);
+    visit.Group("SoftRig", soft_rig);
+  }
+};
+
+// A sensor whose pose in a model contradicts that in a larger one.
+struct RigDifference {
+  int sensor_idx = 0;
+  double rotation_deg = 0.0;
+  double sigma_rotation_deg = 0.0;      // of the difference, about its axis
+  std::optional<double> distance = {};  // nullopt: no length is determined
+  double sigma_distance = 0.0;          // along the difference
+};
+
+struct MapperModel {
+  Reconstruction reconstruction;    // positions are those of the whole scene
+  int num_frames_in_component = 0;  // before translation averaging
+  TrackSummary tracks;
+  TranslationSummary translation;
+  BundleSummary bundle;
+  std::optional<PositionPriorSummary> position_priors;  // if some are given
+  std::optional<double> metres_per_unit;  // applied, by the known baseline
+  std::optional<GravitySummary> gravity;  // if it was measured
+  std::vector<FocalLengthCheck> focal_lengths;  // of those refined
+  std::optional<CovarianceResult> covariances;  // if asked for
+  std::optional<RigDelays> delays;              // of rigs with several cameras
+  std::optional<ExtensionSummary> extension;    // if it had a start
+  // Models with this flag have the same unit of length, by the baselines of
+  // their rig, if there are several.
+  bool has_shared_unit = false;
+  // Empty unless the evidence of the model contradicts the rig of a larger one.
+  // The model then keeps its own rig.
+  std::vector<RigDifference> rig_differences;
+  // Set if the options request it. `reconstruction` then has the mean rig and
+  // points that fit the individual poses of images; covariances are those
+  // before that estimation.
+  std::optional<SoftRigImages> soft_rig_images;
+  // Groups of pairs that contradict the rotations or positions.
+  std::vector<RejectedGroup> rejected_groups;
+  KeptMatches kept_matches;      // verified matches that the model explains
+  Confidence confidence;         // not of extended models
+  std::vector<StageTime> times;  // in the order in which stages ran
+};
+
+struct UnregisteredFrame {
+  int frame_idx = 0;
+  std::string reason;
+
+  auto Fields() const {
+    return Named("frame_id", As<Item::kFrameId>(frame_idx), "name",
+                 As<Item::kFrameName>(frame_idx), "reason", reason);
+  }
+};
+
+// The source of the focal length of a camera.
+enum class LensSource {
+  kGiven,       // a calibration
+  kGuess,       // feature extraction, without knowledge
+  kExif,        // the file of an image
+  kPairs,       // the epipolar geometry of image pairs
+  kAdjustment,  // bundle adjustment, and its images determine it
+};
+
+template <>
+struct EnumTable<LensSource> {
+  static constexpr std::pair<std::string_view, LensSource> kNames[] = {
+      {"given", LensSource::kGiven},
+      {"guess", LensSource::kGuess},
+      {"EXIF", LensSource::kExif},
+      {"pairs", LensSource::kPairs},
+      {"adjustment", LensSource::kAdjustment}};
+};
+
+// The model of a lens without calibration.
+struct LensChoice {
+  int camera_idx = 0;
+  CameraModelId model = CameraModelId::kSimpleRadial;
+  std::string reason = {};  // empty if the model was given
+  LensSource start = LensSource::kGuess;
+
+  auto Fields() const {
+    return Named("camera_id", As<Item::kCameraId>(camera_idx), "model", model,
+                 "reason", reason);
+  }
+};
+
+struct LensSummary {
+  int num_rounds = 0;  // maps before the last one, with lenses that changed
+  std::vector<LensChoice> lenses;
+
+  auto Fields() const {
+    return Named("num_rounds", num_rounds, "cameras", lenses);
+  }
+};
+
+// The parts of all images of a sensor that show what moves along with the rig
+// during the whole recording: equal cells, row by row.
+struct FixedRegion {
+  int sensor_idx = 0;
+  int num_rows = 0;
+  int num_columns = 0;
+  Mask is_fixed;
+};
+
+struct MapperResult {
+  std::vector<MapperModel> models;  // by descending number of frames
+  std::vector<UnregisteredFrame> unregistered_frames;  // in no model
+  // One per camera without a prior focal length.
+  std::vector<FocalLengthEstimate> focal_lengths;
+  std::optional<LensSummary> lenses;  // if some were estimated
+  ViewGraphSummary view_graph;
+  // Pairs of the view graph that were rejected, by reason. Empty for an
+  // extended model.
+  std::vector<RejectionCount> rejected_pairs;
+  std::vector<FixedRegion> fixed_regions;  // of the sensors that have some
+  RotationSummary rotation;
+  // Why measured gravity was not used; nullopt: it was, or there is none.
+  std::optional<std::string> gravity_rejection;
+  // Suspected defects of the input or the result, causes before their effects.
+  std::vector<Finding> findings;
+  std::vector<StageTime> times;
+};
+
+// Sees a model grow: frames once they have positions, then points, then each
+// round of bundle adjustment. Coordinates change from call to call. Runs on the
+// thread of the mapper, and no result depends on it.
+using ModelObserver = std::function<void(const Reconstruction& model)>;
+
+struct MapperInput {
+  Scene scene;           // images, frames, rigs and cameras
+  ViewGraph view_graph;  // verified matches between the images of the scene
+  // Measured camera centres. Models are registered to the world of the
+  // positions if these determine it, and deformed towards them if they drifted.
+  PositionPriors position_priors = {};
+  // Measured directions of gravity. Models that neither position priors nor an
+  // existing model place in a world frame have gravity along +y.
+  GravityPriors gravity_priors = {};
+  // A model of some frames of the scene, with the indices of the scene. The
+  // mapper then adds the other frames (mgsfm/registration/model_extension.h)
+  // and returns this one model.
+  std::optional<Reconstruction> existing_model = {};
+  // Whether cameras without common frames are a finding; false if single images
+  // are intended.
+  bool expects_rigs = true;
+  ModelObserver observer = {};  // may be null
+};
+
+// Estimates a model for each connected component of the input. A result without
+// models means that nothing could be reconstructed; `unregistered_frames` then
+// states the reason for each frame.
+//
+// SoftRig.method time_offset requires the timestamps of all images. Throws
+// Error if known poses of sensors in their rig contradict the matches
+// (src/estimation/input_check/known_rigs.h), and if metric_scale is malformed,
+// names no cameras of a rig or contradicts their known poses.
+[[nodiscard]] MapperResult RunMapper(const MapperInput& input,
+                                     const MapperOptions& options,
+                                     const Context& context);
+
+// Triangulates the points of `input.existing_model`, which must be set, with
+// its poses fixed: tracks of the verified matches between its images are
+// triangulated and filtered in rounds, as in the mapper. Existing points that
+// belong to no track are kept if they pass the filters. Bundle adjustment
+// refines what its options allow.
+[[nodiscard]] MapperResult TriangulatePoints(const MapperInput& input,
+                                             const MapperOptions& options,
+                                             const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/base/options.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/scene/priors.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// The kind of positions without a coordinate system.
+enum class PositionKind { kAuto, kGps, kCartesian };
+
+template <>
+struct EnumTable<PositionKind> {
+  static constexpr std::pair<std::string_view, PositionKind> kNames[] = {
+      {"auto", PositionKind::kAuto},       {"1", PositionKind::kGps},
+      {"0", PositionKind::kCartesian},     {"true", PositionKind::kGps},
+      {"false", PositionKind::kCartesian},
+  };
+};
+
+constexpr char kPositionKindHelp[] =
+    "Whether positions in a file, or in a database without coordinate system, "
+    "are latitude, longitude (deg) and altitude (m). auto: as their range "
+    "tells: degrees of one recording differ by less than 1 and are far from "
+    "zero.";
+
+// Measured positions of images, by GPS or in any Cartesian world, and measured
+// gravity: from the table pose_priors of the database, or from a file with one
+// line "image_name X Y Z" per image, where '#' starts comments. A trajectory of
+// TUM or KITTI is a file of positions, too.
+struct PosePriorOptions {
+  Option<bool> use_prior_position{
+      "use_prior_position", false,
+      "Use the image positions in the table pose_priors (GPS or Cartesian) to "
+      "place models in their world and as priors of bundle adjustment."};
+  Option<std::string> ref_images_path{
+      "ref_images_path", "",
+      "Use the positions in this file instead of the table pose_priors: a line "
+      "`image_name X Y Z` per image, or a trajectory of the reference camera "
+      "in the format of TUM (by "
+      "the times of images) or KITTI (a line per frame)."};
+  Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
+                                  kPositionKindHelp};
+  Option<bool> overwrite_priors_covariance{
+      "overwrite_priors_covariance", false,
+      "Use the standard deviations below instead of the covariances of the "
+      "database."};
+  Option<double> prior_position_std_x_m{
+      "prior_position_std_x", 1.0, GreaterThan(0.0), "m",
+      "Standard deviation towards the east of positions without covariance."};
+  Option<double> prior_position_std_y_m{
+      "prior_position_std_y", 1.0, GreaterThan(0.0), "m",
+      "Standard deviation towards the north of positions without covariance."};
+  Option<double> prior_position_std_z_m{
+      "prior_position_std_z", 1.0, GreaterThan(0.0), "m",
+      "Standard deviation of the height of positions without covariance."};
+  Option<bool> use_prior_gravity{
+      "use_prior_gravity", false,
+      "Use the gravity directions in the table pose_priors to level the "
+      "rotations; gravity is along +y in the models."};
+  Option<std::string> gravity_path{
+      "gravity_path", "",
+      "Use the gravity directions in this file instead, one line `image_name "
+      "GX GY GZ` per image, in the camera frame."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(use_prior_position, ref_images_path, ref_is_gps,
+          overwrite_priors_covariance, prior_position_std_x_m,
+          prior_position_std_y_m, prior_position_std_z_m, use_prior_gravity,
+          gravity_path);
+  }
+
+  bool AreUsed() const {
+    return use_prior_position || !ref_images_path->empty();
+  }
+};
+
+// Whether positions without a coordinate system are latitude, longitude and
+// altitude. Throws Error, naming `source`, if kAuto cannot tell.
+[[nodiscard]] bool AreGps(const std::vector<Eigen::Vector3d>& positions,
+                          PositionKind kind, const std::string& source);
+
+// The priors of a scene; empty if the options use none. Positions given in
+// degrees become metres east, north and up of the first of them, by the name of
+// the image. Throws Error, naming the image, for a position or covariance that
+// is not finite or not possible, for a mixture of coordinate systems, and for
+// an image that is unknown or repeated. Also throws Error for a file that
+// cannot be read, if there is no position at all, and if positions are GPS, but
+// known poses in a rig cannot be in metres. `source` names the rows in
+// messages.
+[[nodiscard]] PositionPriors MakePositionPriors(
+    const Scene& scene, const std::vector<PosePriorRow>& rows,
+    const std::string& source, const PosePriorOptions& options);
+
+// Reads the rows of a database, which it does not change.
+[[nodiscard]] PositionPriors ReadPositionPriors(
+    const Scene& scene, const std::string& database_path,
+    const PosePriorOptions& options);
+
+// The directions of gravity in the camera frame, as unit vectors: from a file
+// with lines "image_name GX GY GZ", or from the column `gravity` of pose_priors
+// (COLMAP 4.0 and later), both of any length. Empty if the options use none.
+// Throws Error, naming the line or image, for a direction that is zero or, in a
+// file, not finite, and as above.
+[[nodiscard]] GravityPriors ReadGravity(const Scene& scene,
+                                        const std::string& database_path,
+                                        const PosePriorOptions& options);
+void WriteGravity(const std::string& path, const Scene& scene,
+                  const GravityPriors& gravity);
+
+// Writes {"latitude_deg", "longitude_deg", "altitude_m"} of the origin of a
+// world that is east, north, up.
+void WriteGeoOrigin(const std::string& path,
+                    const Eigen::Vector3d& origin_wgs84);
+
+// The same from geo_origin.json in the folder of a model; nullopt without one.
+// Throws Error, naming the file, unless it holds a latitude, a longitude and an
+// altitude.
+[[nodiscard]] std::optional<Eigen::Vector3d> ReadGeoOrigin(
+    const std::string& model_folder);
+// Throws Error, naming `source`, unless latitude and longitude (degrees) and
+// altitude (metres) are valid.
+void CheckGeoOrigin(const Eigen::Vector3d& origin_wgs84,
+                    const std::string& source);
+
+// Rows for a database, in Cartesian coordinates.
+[[nodiscard]] std::vector<PosePriorRow> MakePosePriorRows(
+    const Scene& scene, const PositionPriors& priors);
+
+}  // namespace mgsfm

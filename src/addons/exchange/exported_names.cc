@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "exchange/exported_names.h"
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <set>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+
+std::string Digits(double value) {
+  char digits[32];
+  const double printed = value == 0.0 ? 0.0 : value;  // never -0
+  return {digits, std::to_chars(digits, digits + sizeof(digits), printed).ptr};
+}
+
+std::string NumberList(const std::vector<double>& values) {
+  std::string text = "[";
+  for (size_t i = 0; i < values.size(); ++i) {
+    text += (i > 0 ? ", " : "") + Digits(values[i]);
+  }
+  return text + "]";
+}
+
+std::vector<std::string> PlainSensorNames(const Scene& scene) {
+  std::vector<std::string> names;
+  std::set<std::string> taken;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    std::string name = scene.sensors[i].name;
+    while (!name.empty() && name.back() == '/') name.pop_back();
+    for (char& c : name) {
+      const bool is_plain =
+          c == '-' || std::isalnum(static_cast<unsigned char>(c)) != 0;
+      if (!is_plain) c = '_';
+    }
+    if (name.empty()) name = "camera";
+    std::string unique = name;
+    for (size_t number = i; !taken.insert(unique).second; ++number) {
+      unique = name + "_" + std::to_string(number);
+    }
+    names.push_back(unique);
+  }
+  return names;
+}
+
+std::string ImageStem(const std::string& image_name) {
+  const std::string file = image_name.substr(image_name.rfind('/') + 1);
+  return file.substr(0, file.rfind('.'));
+}
+
+std::vector<int> RegisteredFrames(const ExportInput& input) {
+  const Scene& scene = input.scene;
+  std::vector<int> frame_idxs;
+  for (const int frame_idx : OrderOfFrames(scene)) {
+    const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
+    if (std::any_of(images.begin(), images.end(), [&](int image_idx) {
+          return input.model.IsRegistered(scene, image_idx);
+        })) {
+      frame_idxs.push_back(frame_idx);
+    }
+  }
+  return frame_idxs;
+}
+
+int OnlyRig(const ExportInput& input, const std::string& format,
+            const std::string& remedy) {
+  std::set<int> rig_idxs;
+  for (const int frame_idx : RegisteredFrames(input)) {
+    rig_idxs.insert(input.scene.frames[frame_idx].rig_idx);
+  }
+  if (rig_idxs.size() == 1) return *rig_idxs.begin();
+  std::string names;
+  for (const int rig_idx : rig_idxs) {
+    const Rig& rig = input.scene.rigs[rig_idx];
+    names += (names.empty() ? "'" : ", '") +
+             input.scene.sensors[rig.ref_sensor_idx].name + "'";
+  }
+  throw Error(format + " holds one rig, but the model has " +
+              std::to_string(rig_idxs.size()) + ", of cameras " + names + "; " +
+              remedy);
+}
+
+std::vector<int> PosedSensors(const ExportInput& input, int rig_idx) {
+  const Rig& rig = input.scene.rigs[rig_idx];
+  std::vector<int> sensor_idxs = {rig.ref_sensor_idx};
+  for (const int sensor_idx : rig.sensor_idxs) {
+    if (sensor_idx != rig.ref_sensor_idx &&
+        input.model.sensor_from_rig[sensor_idx]) {
+      sensor_idxs.push_back(sensor_idx);
+    }
+  }
+  return sensor_idxs;
+}
+
+std::vector<std::string> SensorsWithoutPose(const ExportInput& input) {
+  std::vector<std::string> messages;
+  for (const Rig& rig : input.scene.rigs) {
+    for (const int sensor_idx : rig.sensor_idxs) {
+      if (sensor_idx == rig.ref_sensor_idx ||
+          input.model.sensor_from_rig[sensor_idx]) {
+        continue;
+      }
+      messages.push_back("camera '" + input.scene.sensors[sensor_idx].name +
+                         "' is left out, as the model has no pose of it in "
+                         "the rig");
+    }
+  }
+  return messages;
+}
+
+}  // namespace mgsfm

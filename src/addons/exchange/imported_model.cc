@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "exchange/imported_model.h"
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <tuple>
+#include <utility>
+
+#include "base/file_reading.h"
+#include "base/text.h"
+#include "files/image_limits.h"
+#include "files/image_reading.h"
+#include "mgsfm/base/error.h"
+#include "scene/intrinsics_check.h"
+#include "scene/value_check.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+void ThrowIf(const std::optional<std::string>& problem, const fs::path& path,
+             const std::string& element) {
+  if (!problem) return;
+  throw Error("'" + path.string() + "': " + element + ' ' + *problem +
+              "; correct it, or export the model again");
+}
+
+void CheckValues(const ImportedModel& imported, const fs::path& path) {
+  if (imported.images.empty()) {
+    throw Error("'" + path.string() +
+                "' has no image with a pose; export a model with images");
+  }
+  for (const ImportedImage& image : imported.images) {
+    const std::string label = "image '" + Printable(image.name) + "'";
+    ThrowIf(WhyUnusable(image.name), path, "the name of " + label);
+    ThrowIf(WhyImplausible(image.cam_from_world), path, "the pose of " + label);
+    ThrowIf(WhyImplausible(image.camera), path, "the camera of " + label);
+    const auto problem = FindIntrinsicsProblem(image.camera);
+    ThrowIf(problem && problem->is_certain ? std::optional(problem->text)
+                                           : std::nullopt,
+            path, "the camera of " + label);
+  }
+  for (size_t i = 0; i < imported.points.size(); ++i) {
+    const ImportedPoint& point = imported.points[i];
+    const std::string label = "point " + std::to_string(i + 1);
+    ThrowIf(WhyImplausible(point.point_in_world), path, label);
+    for (const ImportedObservation& o : point.track) {
+      ThrowIf(WhyImplausible(o.pixel), path, "an observation of " + label);
+    }
+  }
+}
+
+// Numbers the cameras in the order of their images.
+class CameraNumbers {
+ public:
+  CameraId IdOf(const ImportedImage& image, std::vector<Camera>* cameras) {
+    const Camera& camera = image.camera;
+    const auto [entry, is_new] = id_of_camera_.emplace(
+        Key{image.name.substr(0, image.name.rfind('/') + 1), camera.model,
+            camera.width_px, camera.height_px, camera.params},
+        CameraId(static_cast<uint32_t>(cameras->size()) + 1));
+    if (is_new) {
+      cameras->push_back(camera);
+      cameras->back().id = entry->second;
+    }
+    return entry->second;
+  }
+
+ private:
+  using Key =
+      std::tuple<std::string, CameraModelId, int, int, std::vector<double>>;
+  std::map<Key, CameraId> id_of_camera_;
+};
+
+void AddPoints(const std::vector<ImportedPoint>& points,
+               const std::vector<size_t>& position_of_place, Model* model) {
+  for (const ImportedPoint& from : points) {
+    ModelPoint point;
+    point.id = model->points.size() + 1;
+    point.point_in_world = from.point_in_world;
+    point.color = from.color;
+    for (const ImportedObservation& o : from.track) {
+      const size_t position = position_of_place[o.image_place];
+      std::vector<ModelKeypoint>& keypoints = model->keypoints[position];
+      point.track.push_back({model->poses.images[position].id,
+                             static_cast<uint32_t>(keypoints.size())});
+      keypoints.push_back({o.pixel, point.id});
+    }
+    model->points.push_back(std::move(point));
+  }
+}
+
+}  // namespace
+
+Model MakeModel(ImportedModel imported, const fs::path& path) {
+  CheckValues(imported, path);
+  std::vector<size_t> places(imported.images.size());
+  for (size_t i = 0; i < places.size(); ++i) places[i] = i;
+  std::sort(places.begin(), places.end(), [&](size_t a, size_t b) {
+    return imported.images[a].name < imported.images[b].name;
+  });
+  Model model;
+  CameraNumbers cameras;
+  std::vector<size_t> position_of_place(places.size());
+  for (size_t position = 0; position < places.size(); ++position) {
+    const ImportedImage& image = imported.images[places[position]];
+    if (position > 0 && model.poses.images.back().name == image.name) {
+      throw Error("'" + path.string() + "' has two images '" + image.name +
+                  "'; give each image once");
+    }
+    position_of_place[places[position]] = position;
+    model.poses.images.push_back(
+        {ImageId(static_cast<uint32_t>(places[position]) + 1), image.name,
+         cameras.IdOf(image, &model.cameras), image.cam_from_world});
+  }
+  model.keypoints.resize(places.size());
+  AddPoints(imported.points, position_of_place, &model);
+  return model;
+}
+
+Camera MakeRadialCamera(double focal_length_px,
+                        const Eigen::Vector2d& principal_point_px, double k1,
+                        double k2, const Eigen::Vector2i& size_px) {
+  Camera camera{
+      kUnnumbered,
+      CameraModelId::kSimplePinhole,
+      size_px.x(),
+      size_px.y(),
+      {focal_length_px, principal_point_px.x(), principal_point_px.y()}};
+  if (k1 != 0.0 || k2 != 0.0) {
+    camera.model = CameraModelId::kSimpleRadial;
+    camera.params.push_back(k1);
+  }
+  if (k2 != 0.0) {
+    camera.model = CameraModelId::kRadial;
+    camera.params.push_back(k2);
+  }
+  return camera;
+}
+
+ImportedPoint ReadPositionAndColor(ImportText* text) {
+  ImportedPoint point;
+  for (double& x : point.point_in_world) {
+    x = text->Number("a coordinate of a point");
+  }
+  for (uint8_t& c : point.color) c = text->Color("a colour from 0 to 255");
+  return point;
+}
+
+std::optional<Eigen::Vector2i> FindSizeOfImage(const fs::path& file) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(file, ignored)) return std::nullopt;
+  const std::optional<ImageSize> size =
+      ReadImageSize(ReadFile(file, "", kMaxImageHeaderBytes));
+  if (!size) return std::nullopt;
+  return Eigen::Vector2i(static_cast<int>(size->width),
+                         static_cast<int>(size->height));
+}
+
+Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
+                                const std::string& image_name,
+                                const fs::path& path) {
+  if (image_path.empty()) {
+    throw Error("'" + path.string() + "' lacks the size of image '" +
+                Printable(image_name) +
+                "'; give the folder of the images (image_path)");
+  }
+  const fs::path file = image_path / image_name;
+  std::error_code ignored;  // of names that are too long
+  if (!fs::exists(file, ignored)) {
+    throw Error("image '" + Printable(image_name) + "' of '" + path.string() +
+                "' is not in the folder '" + image_path.string() +
+                "'; give the folder that the names of images start from "
+                "(image_path)");
+  }
+  const auto size = FindSizeOfImage(file);
+  if (!size) {
+    throw Error("image '" + file.string() +
+                "' is damaged or of an unknown format; replace it");
+  }
+  return *size;
+}
+
+}  // namespace mgsfm

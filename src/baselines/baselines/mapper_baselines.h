@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string_view>
+#include <utility>
+
+#include "baselines/position_baselines.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/mapper/mapper.h"
+
+namespace mgsfm {
+
+// Methods to compare the mapper with. They replace rotation averaging or the
+// step from rotations to positions, and share all other stages.
+enum class MapperMethod {
+  kMgsfm,    // the product
+  kDmraMgp,  // decoupled rotations; tracks, bilinear: global positioning
+  kMma,      // joint rotations; relative_translations, distance
+  kSingle,   // every image a frame of its own, see SeparateImages(); then
+             // tracks, bilinear, as in GLOMAP
+};
+
+template <>
+struct EnumTable<MapperMethod> {
+  static constexpr std::pair<std::string_view, MapperMethod> kNames[] = {
+      {"mgsfm", MapperMethod::kMgsfm},
+      {"dmra_mgp", MapperMethod::kDmraMgp},
+      {"mma", MapperMethod::kMma},
+      {"single", MapperMethod::kSingle}};
+};
+
+struct BaselineOptions {
+  Option<MapperMethod> method{
+      "method", MapperMethod::kMgsfm,
+      "mgsfm, or a method to compare with: dmra_mgp (global positioning of "
+      "rigs), mma (joint rotations, distances), single (global positioning of "
+      "single images, without rigs). It sets the options that are auto; others "
+      "keep their values."};
+  PositionBaselineOptions positions;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(method);
+    visit.Group("TranslationAveraging", positions);
+  }
+};
+
+// Replaces the values auto of options.positions and of
+// mapper->rotation_averaging.strategy by those of the method. Throws Error if
+// the result contradicts itself.
+BaselineOptions ResolveBaseline(const BaselineOptions& options,
+                                MapperOptions* mapper);
+
+// RunMapper() by a method. For kSingle all rigs of the scene must have one
+// sensor.
+[[nodiscard]] MapperResult RunBaseline(const BaselineOptions& baseline,
+                                       const MapperInput& input,
+                                       const MapperOptions& options,
+                                       const Context& context);
+
+}  // namespace mgsfm

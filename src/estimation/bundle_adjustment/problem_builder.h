@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "bundle_adjustment/bundle_problem.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// The bundle adjustment problem of a reconstruction, with the indices that its
+// solution is written back to.
+struct BuiltProblem {
+  BundleProblem problem;
+  BundleState state;
+  // Indices in the scene, or in Reconstruction::points, of the elements of the
+  // problem. Elements without observations are not in the problem.
+  std::vector<int> frame_idxs;
+  std::vector<int> sensor_idxs;
+  std::vector<int> camera_idxs;
+  std::vector<int> point_idxs;
+  size_t num_invisible_observations = 0;
+};
+
+enum class RefinedParts {
+  kAll,
+  kTranslations,  // rotations and intrinsics are constant
+};
+
+BuiltProblem BuildProblem(const Scene& scene,
+                          const Reconstruction& reconstruction,
+                          const BundleAdjustmentOptions& options,
+                          RefinedParts parts, const BundlePriors& priors = {},
+                          const FixedPoses& fixed = {});
+
+// The refined coordinates of sensor_from_rig, and its prior if there is one.
+// SensorPrior::sensor is the index in the scene.
+struct RefinedSensor {
+  PoseMask mask = PoseMask::Zero();
+  std::optional<SensorPrior> prior;
+};
+
+RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
+                           const BundleAdjustmentOptions& options);
+
+// Whether the focal length of a camera of the scene is refined.
+bool RefinesFocalLength(const Camera& camera,
+                        const BundleAdjustmentOptions& options);
+
+// Writes free parameters back to the reconstruction that the problem was built
+// from.
+void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction);
+
+// Fixes the gauge as described in bundle_adjustment.h.
+void FixGauge(const BundleState& state, BundleProblem* problem);
+
+// The same, but also fixes the scale if the residuals determine it.
+void FixGaugeAndScale(const BundleState& state, BundleProblem* problem);
+
+}  // namespace mgsfm

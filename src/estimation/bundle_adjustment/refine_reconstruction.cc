@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cstdio>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "base/format.h"
+#include "bundle_adjustment/contradicted_points.h"
+#include "bundle_adjustment/point_filters.h"
+#include "bundle_adjustment/retriangulation.h"
+#include "bundle_adjustment/sensor_ties.h"
+#include "bundle_adjustment/solve.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+
+namespace mgsfm {
+namespace {
+
+// All solves but the last prepare a triangulation, which needs less accuracy:
+// by default, they end when the cost changes by less than 1e-4 of it.
+constexpr double kRoughToleranceFactor = 100.0;
+// The bound of gross outliers in multiples of max_max_error_px: the largest of
+// the first of three rounds, which the noise of initial poses can exceed.
+constexpr double kGrossErrorFactor = 4.0;
+
+struct RefinementInput {
+  const Scene& scene;
+  const CandidateSource& candidates;
+  const Reconstruction& initial;  // without points
+  const BundleAdjustmentOptions& options;
+  const Context& context;
+  const RefinementConditions& conditions;
+};
+
+// Counts the iterations of all solves, supposing that those to come take as
+// many as this one. The summary must outlive the context.
+Context ContextOfSolve(const RefinementInput& input,
+                       const BundleSummary& summary) {
+  Context context = input.context;
+  context.progress = [&](const Progress& solve) {
+    size_t num_before = 0;
+    for (const SolveSummary& earlier : summary.solves) {
+      num_before += static_cast<size_t>(earlier.num_iterations);
+    }
+    const size_t num_solves = static_cast<size_t>(input.options.num_rounds) + 2;
+    const size_t num_to_come = num_solves - summary.solves.size();
+    input.context.ReportProgress("bundle adjustment", num_before + solve.done,
+                                 num_before + num_to_come * solve.total);
+  };
+  return context;
+}
+
+bool Solve(const RefinementInput& input, RefinedParts parts,
+           double function_tolerance, BundleResult* result) {
+  BundleSummary& summary = result->summary;
+  BundleAdjustmentOptions options = input.options;
+  options.function_tolerance = function_tolerance;
+  if (!summary.rounds.empty()) {
+    options.loss_scale_px =
+        LossScalePx(input.options, summary.rounds.back().sigma_px);
+  }
+  const bool is_usable =
+      SolveOnce(input.scene, input.conditions, options, parts,
+                ContextOfSolve(input, summary), result);
+  const SolveSummary& solve = summary.solves.back();
+  input.context.Debug(Formatted(
+      "solve %zu: %d iterations, cost %.6g to %.6g, %s", summary.solves.size(),
+      solve.num_iterations, solve.initial_cost, solve.final_cost,
+      std::string(EnumName(solve.termination)).c_str()));
+  return is_usable;
+}
+
+BundleRound StartRound(const RefinementInput& input,
+                       const Reconstruction& estimate, int num_rounds_left) {
+  BundleRound round;
+  round.num_points_before = estimate.points.size();
+  round.num_observations_before = NumObservations(estimate);
+  round.sigma_px =
+      NoiseSigmaPx(input.scene, estimate, input.context.num_threads);
+  round.max_error_px =
+      MaxErrorPx(input.options, round.sigma_px, num_rounds_left);
+  return round;
+}
+
+void FinishRound(BundleRound round, const Context& context,
+                 BundleResult* result) {
+  round.num_points_after = result->estimate.points.size();
+  round.num_observations_after = NumObservations(result->estimate);
+  context.Debug(
+      Formatted("points %zu to %zu, observations %zu to %zu, up to %.2f px",
+                round.num_points_before, round.num_points_after,
+                round.num_observations_before, round.num_observations_after,
+                round.max_error_px));
+  result->summary.rounds.push_back(round);
+}
+
+PointFilterOptions FilterOf(const RefinementInput& input,
+                            const BundleRound& round,
+                            const Reconstruction& estimate) {
+  return MakeFilterOptions(input.scene, estimate, input.options,
+                           round.max_error_px, input.context);
+}
+
+void RemoveGrossErrors(const RefinementInput& input, BundleResult* result) {
+  BundleRound round =
+      StartRound(input, result->estimate, input.options.num_rounds);
+  round.max_error_px =
+      std::max(kGrossErrorFactor * input.options.max_max_error_px,
+               input.options.error_sigma_factor * round.sigma_px);
+  PointFilterOptions filter;
+  filter.max_error_px = round.max_error_px;
+  FilterPoints(input.scene, filter, input.context.num_threads,
+               &result->estimate);
+  FinishRound(round, input.context, result);
+}
+
+void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
+                         BundleResult* result) {
+  input.context.CheckInterrupted();
+  const BundleRound round =
+      StartRound(input, result->estimate, num_rounds_left);
+  Retriangulate(input.scene,
+                *input.candidates.groups(result->estimate, round.max_error_px),
+                FilterOf(input, round, result->estimate),
+                input.context.num_threads, &result->estimate);
+  // Earlier, poses are too inexact for evidence against points.
+  if (num_rounds_left == 0 && input.candidates.matches != nullptr) {
+    RemoveContradictedPoints(input.scene, *input.candidates.matches,
+                             round.max_error_px, input.options.min_match_share,
+                             input.context.num_threads, &result->estimate);
+  }
+  SeparateUntiedSensors(input.scene, &result->estimate);
+  FinishRound(round, input.context, result);
+}
+
+void FilterFinalPoints(const RefinementInput& input, BundleResult* result) {
+  const BundleRound round = StartRound(input, result->estimate, 0);
+  FilterPoints(input.scene, FilterOf(input, round, result->estimate),
+               input.context.num_threads, &result->estimate);
+  FinishRound(round, input.context, result);
+}
+
+// Which frames have points, and which share them.
+struct FrameSupport {
+  Mask is_observed;
+  Mask is_connected;  // shares a point with another frame
+};
+
+FrameSupport FindSupport(const Scene& scene, const Reconstruction& estimate) {
+  FrameSupport support{Mask(scene.frames.size(), false),
+                       Mask(scene.frames.size(), false)};
+  for (const Point3D& point : estimate.points) {
+    const auto frame_of = [&](const Observation& o) {
+      return scene.images[o.image_idx].frame_idx;
+    };
+    const int first = frame_of(point.track.front());
+    const bool connects =
+        std::any_of(point.track.begin(), point.track.end(),
+                    [&](const Observation& o) { return frame_of(o) != first; });
+    for (const Observation& o : point.track) {
+      support.is_observed[frame_of(o)] = true;
+      if (connects) support.is_connected[frame_of(o)] = true;
+    }
+  }
+  return support;
+}
+
+// Drops frames that share no point with another one: what several cameras of a
+// rig see together does not tell where the rig is. If no frame shares a point,
+// drops only frames without points.
+void DropFramesWithoutSupport(const RefinementInput& input,
+                              BundleResult* result) {
+  if (!input.options.refine_rig_from_world) return;
+  const Mask& is_fixed = input.conditions.fixed.frames;
+  Reconstruction& estimate = result->estimate;
+  const FrameSupport support = FindSupport(input.scene, estimate);
+  const bool are_connected = support.is_connected.Count() > 0;
+  for (size_t i = 0; i < support.is_observed.size(); ++i) {
+    const bool is_supported =
+        are_connected ? support.is_connected[i] : support.is_observed[i];
+    if (is_supported || !estimate.rig_from_world[i]) continue;
+    if (!is_fixed.empty() && is_fixed[i]) continue;
+    estimate.rig_from_world[i].reset();
+    result->summary.dropped_frames.push_back(
+        {static_cast<int>(i),
+         support.is_observed[i] ? "no point connects its images to other frames"
+                                : "no point agrees with its images"});
+  }
+  auto& points = estimate.points;
+  points.erase(std::remove_if(points.begin(), points.end(),
+                              [&](const Point3D& point) {
+                                return !estimate.IsRegistered(
+                                    input.scene, point.track.front().image_idx);
+                              }),
+               points.end());
+}
+
+// Solves; all steps but the first and the last then triangulate again. Returns
+// false if the solve fails.
+bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
+  const BundleAdjustmentOptions& options = input.options;
+  const double rough_tolerance =
+      std::min(1.0, kRoughToleranceFactor * options.function_tolerance);
+  if (step == 0) {
+    return Solve(input, RefinedParts::kTranslations, rough_tolerance, result);
+  }
+  if (step > options.num_rounds) {
+    return Solve(input, RefinedParts::kAll, options.function_tolerance, result);
+  }
+  if (!Solve(input, RefinedParts::kAll, rough_tolerance, result)) return false;
+  RetriangulatePoints(input, options.num_rounds - step, result);
+  return true;
+}
+
+// Returns false if a solve fails.
+bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
+  RemoveGrossErrors(input, result);
+  const int num_steps = input.options.num_rounds + 2;
+  for (int step = 0; step < num_steps; ++step) {
+    if (!RunStep(input, step, result)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+BundleResult RefineReconstruction(const Scene& scene,
+                                  const CandidateSource& candidates,
+                                  Reconstruction initial,
+                                  const BundleAdjustmentOptions& options,
+                                  const Context& context,
+                                  const RefinementConditions& conditions) {
+  BundleResult result;
+  std::swap(result.estimate.points, initial.points);
+  const Reconstruction initial_poses = initial;
+  std::swap(result.estimate.points, initial.points);
+  result.estimate = std::move(initial);
+  const RefinementInput input{scene,   candidates, initial_poses,
+                              options, context,    conditions};
+  if (SolveAndTriangulate(input, &result)) {
+    FilterFinalPoints(input, &result);
+    DropFramesWithoutSupport(input, &result);
+  }
+  ComputePointErrors(scene, context.num_threads, &result.estimate);
+  FinishSummary(scene, initial_poses, options, &result);
+  return result;
+}
+
+Reconstruction TriangulateCandidates(const Scene& scene,
+                                     const CandidateSource& candidates,
+                                     Reconstruction initial,
+                                     const BundleAdjustmentOptions& options,
+                                     const Context& context) {
+  const double max_error_px = options.max_max_error_px;
+  Retriangulate(
+      scene, *candidates.groups(initial, max_error_px),
+      MakeFilterOptions(scene, initial, options, max_error_px, context),
+      context.num_threads, &initial);
+  return initial;
+}
+
+}  // namespace mgsfm

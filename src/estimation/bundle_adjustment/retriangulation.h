@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "bundle_adjustment/point_filters.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// Triangulates the points again from groups of keypoints, with the present
+// poses. A group can contain keypoints of several points. Repeatedly, the best
+// hypothesis becomes a point with at most one observation per image (the one
+// with the smallest error), and the search continues in the remaining
+// keypoints.
+//
+// Hypotheses are the previous points of the group and robust triangulations of
+// the remaining keypoints. The best one has the most observations within
+// max_error_px; ties are broken by the sum of squared errors. This completes,
+// merges, splits, re-triangulates and filters points at once. All accepted
+// points satisfy `options`.
+//
+// Points without an observation in a group are kept and filtered, so no
+// keypoint belongs to two points. Groups are processed independently and in
+// parallel; the new points are in their order. Poses and intrinsics do not
+// change.
+void Retriangulate(const Scene& scene, const ObservationGroups& groups,
+                   const PointFilterOptions& options, int num_threads,
+                   Reconstruction* reconstruction);
+
+}  // namespace mgsfm

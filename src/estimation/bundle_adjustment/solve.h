@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "bundle_adjustment/point_filters.h"
+#include "bundle_adjustment/problem_builder.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// Steps shared by AdjustBundle, RefineReconstruction and EstimateSoftRig.
+
+// Solves the problem of the estimate and appends to the summary. Returns false,
+// and does not change the estimate, if the solve fails.
+bool SolveOnce(const Scene& scene, const RefinementConditions& conditions,
+               const BundleAdjustmentOptions& options, RefinedParts parts,
+               const Context& context, BundleResult* result);
+
+// The filter of the options for this bound on reprojection errors.
+PointFilterOptions MakeFilterOptions(const Scene& scene,
+                                     const Reconstruction& estimate,
+                                     const BundleAdjustmentOptions& options,
+                                     double max_error_px,
+                                     const Context& context);
+
+// The bound on reprojection errors of inliers; it doubles for each round left.
+double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
+                  int num_rounds_left);
+
+// The scale of the loss for this noise of keypoints.
+double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px);
+
+// Lists weak frames and sensors without observations.
+void FinishSummary(const Scene& scene, const Reconstruction& initial,
+                   const BundleAdjustmentOptions& options,
+                   BundleResult* result);
+
+}  // namespace mgsfm

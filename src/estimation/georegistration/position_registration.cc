@@ -1,0 +1,346 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "georegistration/position_registration.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "base/random.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// With 50 % outliers (the breakdown point of LMedS), 62 of 500 samples of three
+// are free of outliers on average; one of them has little noise.
+constexpr int kNumTrials = 500;
+// Upper limits: the iterations end when the images that agree do not change.
+constexpr int kNumRefits = 10;
+constexpr int kNumAlternations = 10;
+// Distance of outliers in standard deviations. Normal noise in three dimensions
+// exceeds 4 with probability 1.1e-3.
+constexpr double kOutlierInSigmas = 4.0;
+// The same in medians of all distances; normal noise has a median of 1.54.
+constexpr double kOutlierInMedians = 3.0;
+// Smallest extent of the positions, in standard deviations: twice the median
+// distance of 1.54 that normal noise in three dimensions has.
+constexpr double kMinExtent = 3.0;
+// Standard deviation of the upward direction: cameras held roughly upright, and
+// measured gravity.
+constexpr double kUprightSigmaRad = DegToRad(10.0);
+constexpr double kGravitySigmaRad = DegToRad(1.0);
+// A rotation about the path with a larger standard deviation is reported.
+constexpr double kMaxRotationSigmaRad = DegToRad(5.0);
+
+struct Sample {
+  int image_idx = 0;
+  Vector3d center;    // in the model
+  Vector3d position;  // measured
+  double sigma = 1.0;
+};
+
+// The similarity fit to samples: min sum w |s R c + t - g|^2 - 2 tr(upright
+// R^T) up to constants.
+struct FitProblem {
+  std::vector<Sample> samples;
+  OutlierRule outlier_rule = OutlierRule::kLeastMedian;
+  bool fits_scale = true;
+  Matrix3d upright;  // z d^T / sigma_up^2
+};
+
+struct RobustFit {
+  Sim3 world_from_model;
+  Mask is_inlier;  // per sample
+};
+
+double WeightOf(const Sample& sample) {
+  return 1.0 / (sample.sigma * sample.sigma);
+}
+
+std::vector<double> ResidualsOf(const FitProblem& problem, const Sim3& fit) {
+  std::vector<double> residuals;
+  residuals.reserve(problem.samples.size());
+  for (const Sample& sample : problem.samples) {
+    residuals.push_back((fit * sample.center - sample.position).norm() /
+                        sample.sigma);
+  }
+  return residuals;
+}
+
+Mask InliersOf(const FitProblem& problem, const Sim3& fit) {
+  const std::vector<double> residuals = ResidualsOf(problem, fit);
+  const double bound = problem.outlier_rule == OutlierRule::kFixedBound
+                           ? kOutlierInSigmas
+                           : OutlierBound(Median(residuals));
+  Mask is_inlier;
+  is_inlier.reserve(residuals.size());
+  for (const double r : residuals) is_inlier.push_back(r <= bound);
+  return is_inlier;
+}
+
+// Weighted means and second moments of centres and positions.
+struct Moments {
+  Vector3d mean = Vector3d::Zero();
+  Vector3d measured_mean = Vector3d::Zero();
+  Matrix3d cross = Matrix3d::Zero();
+  double variance = 0.0;
+  double measured_variance = 0.0;
+};
+
+Moments MomentsOf(const std::vector<Sample>& samples, const Mask& is_used) {
+  Moments m;
+  double weight = 0.0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (!is_used[i]) continue;
+    const double w = WeightOf(samples[i]);
+    m.mean += w * samples[i].center;
+    m.measured_mean += w * samples[i].position;
+    weight += w;
+  }
+  m.mean /= weight;
+  m.measured_mean /= weight;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (!is_used[i]) continue;
+    const double w = WeightOf(samples[i]);
+    const Vector3d c = samples[i].center - m.mean;
+    const Vector3d g = samples[i].position - m.measured_mean;
+    m.cross += w * g * c.transpose();
+    m.variance += w * c.squaredNorm();
+    m.measured_variance += w * g.squaredNorm();
+  }
+  return m;
+}
+
+// Alternates between rotation (Kabsch) and scale, because the upright term
+// makes the two depend on each other.
+Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
+  const Moments m = MomentsOf(problem.samples, is_used);
+  const bool fits_scale = problem.fits_scale && m.variance > 0.0;
+  Sim3 fit;
+  if (fits_scale) fit.scale = std::sqrt(m.measured_variance / m.variance);
+  for (int i = 0; i < kNumAlternations; ++i) {
+    const Eigen::JacobiSVD<Matrix3d> svd(
+        fit.scale * m.cross + problem.upright,
+        Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Matrix3d flip = Matrix3d::Identity();
+    flip(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+    fit.rotation = Eigen::Quaterniond(
+        Matrix3d(svd.matrixU() * flip * svd.matrixV().transpose()));
+    if (!fits_scale) break;
+    const double scale =
+        (fit.rotation.toRotationMatrix().transpose() * m.cross).trace() /
+        m.variance;
+    // Contradictory positions can ask for a reflection.
+    if (!(scale > 0.0)) break;
+    fit.scale = scale;
+  }
+  fit.translation = m.measured_mean - fit.scale * (fit.rotation * m.mean);
+  return fit;
+}
+
+// The cost that the best of all fits minimises.
+double CostOf(const FitProblem& problem, const Sim3& fit) {
+  std::vector<double> residuals = ResidualsOf(problem, fit);
+  if (problem.outlier_rule == OutlierRule::kLeastMedian) {
+    return Median(std::move(residuals));
+  }
+  // The cost of MSAC: the number of outliers and the squared errors of the
+  // others.
+  double cost = 0.0;
+  for (const double r : residuals) {
+    cost += std::min(1.0, r * r / (kOutlierInSigmas * kOutlierInSigmas));
+  }
+  return cost;
+}
+
+// The best fit to samples of three, then refits to inliers.
+RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
+  if (problem.outlier_rule == OutlierRule::kNone) {
+    const Mask all(problem.samples.size(), true);
+    return {FitSimilarity(problem, all), all};
+  }
+  Sim3 best;
+  double least = std::numeric_limits<double>::infinity();
+  Random random(random_seed);
+  const auto size = static_cast<uint32_t>(problem.samples.size());
+  for (int trial = 0; trial < kNumTrials; ++trial) {
+    Mask is_used(problem.samples.size(), false);
+    for (int k = 0; k < 3; ++k) is_used[random.Index(size)] = true;
+    const Sim3 fit = FitSimilarity(problem, is_used);
+    const double cost = CostOf(problem, fit);
+    if (cost >= least) continue;
+    least = cost;
+    best = fit;
+  }
+  RobustFit result{best, InliersOf(problem, best)};
+  for (int i = 0; i < kNumRefits; ++i) {
+    if (result.is_inlier.Count() < 3) break;
+    result.world_from_model = FitSimilarity(problem, result.is_inlier);
+    Mask inliers = InliersOf(problem, result.world_from_model);
+    if (inliers == result.is_inlier) break;
+    result.is_inlier = std::move(inliers);
+  }
+  return result;
+}
+
+// Standard deviation of the rotation about the path from positions alone.
+double RotationSigma(const std::vector<Sample>& samples, const RobustFit& fit) {
+  Vector3d mean = Vector3d::Zero();
+  double weight = 0.0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (!fit.is_inlier[i]) continue;
+    const double w = WeightOf(samples[i]);
+    mean += w * samples[i].center;
+    weight += w;
+  }
+  mean /= weight;
+  Matrix3d scatter = Matrix3d::Zero();
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (!fit.is_inlier[i]) continue;
+    const Vector3d c = fit.world_from_model.scale * (samples[i].center - mean);
+    scatter += WeightOf(samples[i]) * c * c.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(scatter,
+                                                      Eigen::EigenvaluesOnly);
+  return 1.0 / std::sqrt(std::max(eigen.eigenvalues()[1], 1e-12));
+}
+
+std::vector<Sample> CollectSamples(const Scene& scene,
+                                   const PositionPriors& priors,
+                                   const Reconstruction& reconstruction) {
+  std::vector<Sample> samples;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const int image_idx = static_cast<int>(i);
+    const auto pose = reconstruction.CamFromWorld(scene, image_idx);
+    if (!pose || !priors.images[i]) continue;
+    samples.push_back({image_idx, pose->Center(), priors.images[i]->position,
+                       std::sqrt(priors.images[i]->covariance.trace() / 3.0)});
+  }
+  return samples;
+}
+
+// Median distance from the median position, in standard deviations.
+double RelativeExtent(const std::vector<Sample>& samples) {
+  Vector3d median;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> coordinates;
+    for (const Sample& s : samples) coordinates.push_back(s.position[axis]);
+    median[axis] = Median(std::move(coordinates));
+  }
+  std::vector<double> distances;
+  for (const Sample& sample : samples) {
+    distances.push_back((sample.position - median).norm() / sample.sigma);
+  }
+  return Median(std::move(distances));
+}
+
+// z d^T / sigma_up^2, or zero if the upward direction is unknown.
+Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth,
+                     const std::optional<Vector3d>& measured_up) {
+  if (!is_on_earth) return Matrix3d::Zero();
+  if (measured_up) {
+    return Vector3d::UnitZ() * measured_up->transpose() /
+           (kGravitySigmaRad * kGravitySigmaRad);
+  }
+  Vector3d up = Vector3d::Zero();
+  for (const auto& pose : reconstruction.rig_from_world) {
+    if (pose) up -= pose->rotation.conjugate() * Vector3d::UnitY();
+  }
+  if (!(up.norm() > 0.0)) return Matrix3d::Zero();
+  return Vector3d::UnitZ() * up.normalized().transpose() /
+         (kUprightSigmaRad * kUprightSigmaRad);
+}
+
+// A message for the rotation about a line of positions.
+const char* DescribeRotation(bool is_on_earth, bool has_gravity) {
+  if (!is_on_earth) {
+    return "The positions are collinear; the rotation about their line is "
+           "arbitrary.";
+  }
+  return has_gravity ? "The positions are collinear; measured gravity "
+                       "determines the rotation about their line."
+                     : "The positions are collinear; the rotation about their "
+                       "line assumes that cameras are upright on average.";
+}
+
+}  // namespace
+
+double OutlierBound(double median_distance) {
+  return std::max(kOutlierInSigmas, kOutlierInMedians * median_distance);
+}
+
+PositionRegistration RegisterToPriors(const Scene& scene,
+                                      const PositionPriors& priors,
+                                      const RegistrationOptions& options,
+                                      Reconstruction* reconstruction) {
+  PositionRegistration result;
+  PositionPriorSummary& summary = result.summary;
+  std::vector<Sample> samples = CollectSamples(scene, priors, *reconstruction);
+  summary.num_priors = static_cast<int>(samples.size());
+  if (samples.size() < 3) {
+    summary.message =
+        "Fewer than three registered images have positions; the model is not "
+        "registered to them.";
+    return result;
+  }
+  if (RelativeExtent(samples) < kMinExtent) {
+    summary.message =
+        "The extent of the positions is within their errors; the model is not "
+        "registered to them.";
+    return result;
+  }
+  const bool is_on_earth = priors.origin_wgs84.has_value();
+  const FitProblem problem{
+      std::move(samples), options.outlier_rule, !options.is_metric,
+      UprightTerm(*reconstruction, is_on_earth, options.up)};
+  const RobustFit fit = FitRobustly(problem, options.random_seed);
+  TransformWorld(fit.world_from_model, reconstruction);
+  summary.is_registered = true;
+  if (RotationSigma(problem.samples, fit) > kMaxRotationSigmaRad) {
+    summary.message = DescribeRotation(is_on_earth, options.up.has_value());
+  }
+  result.used.images.resize(scene.images.size());
+  for (size_t i = 0; i < problem.samples.size(); ++i) {
+    const int image_idx = problem.samples[i].image_idx;
+    if (!fit.is_inlier[i]) continue;
+    result.used.images[image_idx] = priors.images[image_idx];
+  }
+  return result;
+}
+
+void EvaluatePositions(const Scene& scene, const PositionPriors& priors,
+                       const PositionPriors& used,
+                       const Reconstruction& reconstruction,
+                       PositionPriorSummary* summary) {
+  if (!summary->is_registered) return;
+  double squared_sum = 0.0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const int image_idx = static_cast<int>(i);
+    const auto pose = reconstruction.CamFromWorld(scene, image_idx);
+    if (!pose || !priors.images[i]) continue;
+    const PositionMeasurement& prior = *priors.images[i];
+    const Vector3d error = pose->Center() - prior.position;
+    const double distance =
+        std::sqrt(error.dot(prior.covariance.llt().solve(error)));
+    if (distance > kOutlierInSigmas || !used.images[i]) {
+      summary->outliers.push_back({image_idx, error.norm()});
+    } else {
+      ++summary->num_used;
+      squared_sum += error.squaredNorm();
+    }
+  }
+  if (summary->num_used > 0) {
+    summary->rms = std::sqrt(squared_sum / summary->num_used);
+  }
+}
+
+}  // namespace mgsfm

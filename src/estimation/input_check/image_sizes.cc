@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "input_check/image_sizes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "base/format.h"
+#include "math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+// Half and twice these values, or their distances from the size and the centre
+// of the image, change no verdict (docs/results/constants.md).
+//
+// Images with fewer keypoints do not show how large they are.
+constexpr size_t kMinNumKeypoints = 50;
+// A few keypoints may be far outside, for example those of a broken detector.
+constexpr double kQuantile = 0.99;
+// Beyond the size of the camera, as a share of it: on both sides, or far beyond
+// one of them if width and height are exchanged.
+constexpr double kMaxExtent = 1.02;
+constexpr double kMaxLongExtent = 1.2;
+// Keypoints of smaller images end at the same share of width and height, and
+// their centre is in the upper left part. Masks and skies end features at one
+// side only, and those of a fisheye surround its principal point.
+constexpr double kMinExtent = 0.8;
+constexpr double kMaxDifference = 0.15;
+constexpr double kMaxCentre = 0.4;
+// Single images can have features in one corner only.
+constexpr size_t kMinNumImages = 3;
+constexpr double kMinShareOfImages = 0.2;
+
+// Quantiles of the keypoints, as shares of the size of the camera.
+struct Extent {
+  double x = 0.0;
+  double y = 0.0;
+  double min_x = 0.0;
+  double min_y = 0.0;
+
+  bool IsTooLarge() const {
+    return std::min(x, y) > kMaxExtent || std::max(x, y) > kMaxLongExtent;
+  }
+  bool IsTooSmall() const {
+    return std::max(x, y) < kMinExtent && std::abs(x - y) < kMaxDifference &&
+           std::max(min_x + x, min_y + y) < 2.0 * kMaxCentre;
+  }
+};
+
+Extent ExtentOf(const Camera& camera, const Image& image) {
+  std::vector<double> x, y;
+  for (const Eigen::Vector2f& keypoint : image.keypoints_px) {
+    x.push_back(keypoint.x() / camera.width_px);
+    y.push_back(keypoint.y() / camera.height_px);
+  }
+  return {Quantile(x, kQuantile), Quantile(y, kQuantile),
+          Quantile(x, 1.0 - kQuantile), Quantile(y, 1.0 - kQuantile)};
+}
+
+Finding Describe(const Scene& scene, int sensor_idx,
+                 const std::vector<std::pair<int, Extent>>& images) {
+  std::vector<double> x, y;
+  for (const auto& [image_idx, extent] : images) {
+    x.push_back(extent.x);
+    y.push_back(extent.y);
+  }
+  const Extent typical{Median(std::move(x)), Median(std::move(y)), 0.0, 0.0};
+  const Sensor& sensor = scene.sensors[sensor_idx];
+  const Camera& camera = scene.cameras[sensor.camera_idx];
+  // Names may be long, so only the numbers are formatted.
+  const std::string numbers =
+      Formatted("%d x %d pixels: their keypoints reach %.0f x %.0f",
+                camera.width_px, camera.height_px, typical.x * camera.width_px,
+                typical.y * camera.height_px);
+  const std::string text = std::to_string(images.size()) +
+                           " images of camera '" + sensor.name +
+                           "' do not have its size of " + numbers;
+  return {Cause::kWrongImageSize,
+          {sensor.name},
+          {scene.frames[scene.images[images.front().first].frame_idx].name,
+           scene.frames[scene.images[images.back().first].frame_idx].name},
+          {{"num_images", static_cast<double>(images.size())},
+           {"extent_x", typical.x},
+           {"extent_y", typical.y}},
+          text,
+          "extract the features of these images with a camera of their size"};
+}
+
+}  // namespace
+
+std::vector<Finding> CheckImageSizes(const Scene& scene) {
+  std::vector<std::vector<std::pair<int, Extent>>> wrong(scene.sensors.size());
+  std::vector<int> num_images(scene.sensors.size(), 0);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const Image& image = scene.images[i];
+    ++num_images[image.sensor_idx];
+    const Camera& camera = scene.cameras[image.camera_idx];
+    if (image.keypoints_px.size() < kMinNumKeypoints || camera.width_px <= 0 ||
+        camera.height_px <= 0) {
+      continue;
+    }
+    const Extent extent = ExtentOf(camera, image);
+    if (extent.IsTooLarge() || extent.IsTooSmall()) {
+      wrong[image.sensor_idx].push_back({static_cast<int>(i), extent});
+    }
+  }
+  std::vector<Finding> findings;
+  for (size_t k = 0; k < wrong.size(); ++k) {
+    if (wrong[k].size() < kMinNumImages ||
+        static_cast<double>(wrong[k].size()) <
+            kMinShareOfImages * num_images[k]) {
+      continue;
+    }
+    findings.push_back(Describe(scene, static_cast<int>(k), wrong[k]));
+  }
+  return findings;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,380 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "input_check/rig_checks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <string>
+#include <utility>
+
+#include "base/format.h"
+#include "geometry/so3.h"
+#include "math/robust_scale.h"
+#include "math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+// A median of five tolerates two outliers.
+constexpr size_t kMinNumFrames = 5;
+// Residuals beyond this are wrong pairs, not moves of a rig.
+constexpr double kMaxResidualRad = DegToRad(20.0);
+// Steps of sound rigs reach 3.6 standard deviations, and the weakest real one
+// 24 (docs/results/input_check.md).
+constexpr double kMinStepInSigmas = 6.0;
+// Vehicles alongside disturb the pairs of a side camera for some frames.
+constexpr double kMinStretchShare = 0.05;
+// Steps of sound rigs reach 0.54 degrees, at 1.6 standard deviations
+// (docs/results/input_check.md).
+constexpr double kMinStepRad = DegToRad(0.5);
+// Twice kMinStepRad, as a known rotation has an error of its own. Half or twice
+// the value names an error of 5 degrees as well (docs/results/constants.md).
+constexpr double kMinKnownErrorRad = DegToRad(1.0);
+// Normal noise in three dimensions exceeds this with a probability of 1.1e-3.
+constexpr double kMinKnownErrorInSigmas = 4.0;
+// Errors of samples that agree with a pose, for swapped cameras: directions of
+// swapped cameras are opposite, and those of short baselines scatter most. Half
+// or twice the values change no verdict (docs/results/constants.md).
+constexpr double kMaxPoseErrorRad = DegToRad(15.0);
+constexpr double kMaxDirectionErrorRad = DegToRad(45.0);
+// The share of all samples that agree with one pose or the other: 30 % may be
+// wrong pairs. Half or twice as many change no verdict
+// (docs/results/constants.md).
+constexpr double kMinExplainedShare = 0.7;
+
+std::string Quoted(const std::string& name) { return "'" + name + "'"; }
+
+Vector3d MedianVector(const std::vector<Vector3d>& vectors) {
+  Vector3d median;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    values.reserve(vectors.size());
+    for (const Vector3d& v : vectors) values.push_back(v[axis]);
+    median[axis] = Median(std::move(values));
+  }
+  return median;
+}
+
+// The residuals of a stretch of frames.
+struct Stretch {
+  Vector3d median = Vector3d::Zero();
+  double sigma = 0.0;  // per axis
+};
+
+Stretch Summarize(const std::vector<Vector3d>& residuals) {
+  Stretch stretch{MedianVector(residuals), 0.0};
+  std::vector<double> deviations;
+  for (const Vector3d& r : residuals) {
+    deviations.push_back((r - stretch.median).norm());
+  }
+  stretch.sigma = RobustSigma<3>(std::move(deviations));
+  return stretch;
+}
+
+// The size of the first stretch for which the two means differ most, in
+// standard deviations of the difference.
+size_t FindSplit(const std::vector<Vector3d>& residuals, size_t min_size) {
+  const size_t size = residuals.size();
+  Vector3d total = Vector3d::Zero();
+  for (const Vector3d& r : residuals) total += r;
+  Vector3d sum = Vector3d::Zero();
+  double largest = -1.0;
+  size_t best = 0;
+  for (size_t n = 1; n < size; ++n) {
+    sum += residuals[n - 1];
+    if (n < min_size || size - n < min_size) continue;
+    const auto n1 = static_cast<double>(n);
+    const auto n2 = static_cast<double>(size - n);
+    const double gain = (sum / n1 - (total - sum) / n2).squaredNorm() * n1 * n2;
+    if (gain <= largest) continue;
+    largest = gain;
+    best = n;
+  }
+  return best;
+}
+
+// A significant step between two sensors.
+struct Move {
+  int sensor_a;
+  int sensor_b;
+  RigStep step;
+
+  bool Concerns(int sensor) const {
+    return sensor_a == sensor || sensor_b == sensor;
+  }
+  double Strength() const { return step.step_rad / step.sigma_rad; }
+};
+
+// The sensor with most moves; of equal ones the last, because the first one is
+// the reference in most rigs.
+int FindCulprit(const std::vector<Move>& moves, int num_sensors) {
+  int culprit = 0;
+  std::ptrdiff_t most = 0;
+  for (int sensor = 0; sensor < num_sensors; ++sensor) {
+    const auto count =
+        std::count_if(moves.begin(), moves.end(),
+                      [&](const Move& m) { return m.Concerns(sensor); });
+    if (count < most) continue;
+    most = count;
+    culprit = sensor;
+  }
+  return culprit;
+}
+
+std::string DescribeDelay(const CameraDelay& camera, bool is_in_seconds) {
+  const double unit = is_in_seconds ? 1e3 : 1.0;
+  return Formatted(is_in_seconds ? "is %.1f +- %.1f ms %s"
+                                 : "is %.3f +- %.3f frame intervals %s",
+                   unit * std::abs(camera.delay), unit * camera.sigma,
+                   camera.delay > 0.0 ? "late" : "early");
+}
+
+Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
+  const int other = move.sensor_a == culprit ? move.sensor_b : move.sensor_a;
+  const std::string& camera = scene.sensors[culprit].name;
+  const std::string& frame = scene.frames[move.step.first_frame_idx].name;
+  return {Cause::kRigMoved,
+          {camera, scene.sensors[other].name},
+          {frame},
+          {{"step_deg", RadToDeg(move.step.step_rad)},
+           {"sigma_deg", RadToDeg(move.step.sigma_rad)}},
+          "camera " + Quoted(camera) + " turned by " +
+              Formatted("%.1f", RadToDeg(move.step.step_rad)) +
+              " deg relative to camera " + Quoted(scene.sensors[other].name) +
+              " at frame " + Quoted(frame),
+          "set split_rig_at to " + frame +
+              ", so that the frames from there on get a calibration of their "
+              "own"};
+}
+
+// Whether the frames cover most samples between the first and the last of them.
+bool IsOneStretch(const std::vector<RigSample>& samples,
+                  const std::vector<int>& frame_idxs) {
+  const auto position = [&](int frame_idx) {
+    return std::find_if(
+        samples.begin(), samples.end(),
+        [&](const RigSample& sample) { return sample.frame_idx == frame_idx; });
+  };
+  const auto length =
+      position(frame_idxs.back()) - position(frame_idxs.front()) + 1;
+  return static_cast<double>(frame_idxs.size()) >=
+         kMinExplainedShare * static_cast<double>(length);
+}
+
+bool Agrees(const RigSample& sample, const Quaterniond& rotation,
+            const std::optional<Vector3d>& direction) {
+  if (AngleBetween(sample.b_from_a, rotation) > kMaxPoseErrorRad) return false;
+  return !sample.direction || !direction ||
+         AngleBetween(*sample.direction, *direction) < kMaxDirectionErrorRad;
+}
+
+}  // namespace
+
+std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples) {
+  const auto typical = FindTypicalPose(samples);
+  if (!typical) return std::nullopt;
+  std::vector<Vector3d> residuals;
+  std::vector<int> frame_idxs;
+  for (const RigSample& sample : samples) {
+    const Vector3d residual =
+        LogSO3(sample.b_from_a * typical->b_from_a.conjugate());
+    if (residual.norm() > kMaxResidualRad) continue;
+    residuals.push_back(residual);
+    frame_idxs.push_back(sample.frame_idx);
+  }
+  const size_t min_size =
+      std::max(kMinNumFrames,
+               static_cast<size_t>(kMinStretchShare *
+                                   static_cast<double>(residuals.size())));
+  if (residuals.size() < 2 * min_size) return std::nullopt;
+  const auto split = residuals.begin() + static_cast<std::ptrdiff_t>(
+                                             FindSplit(residuals, min_size));
+  const Stretch before = Summarize({residuals.begin(), split});
+  const Stretch after = Summarize({split, residuals.end()});
+  return RigStep{frame_idxs[split - residuals.begin()],
+                 (after.median - before.median).norm(),
+                 std::max(before.sigma, after.sigma)};
+}
+
+std::vector<Finding> DescribeDelays(const Scene& scene,
+                                    const RigDelays& delays) {
+  std::vector<Finding> findings;
+  for (const Rig& rig : scene.rigs) {
+    Finding finding;
+    finding.cause = Cause::kUnsynchronised;
+    bool is_certain = false;
+    for (const CameraDelay& camera : delays.cameras) {
+      const Sensor& sensor = scene.sensors[camera.sensor_idx];
+      if (&scene.rigs[sensor.rig_idx] != &rig) continue;
+      is_certain |= camera.is_certain;
+      finding.cameras.push_back(sensor.name);
+      finding.evidence.emplace_back("delay", camera.delay);
+      finding.evidence.emplace_back("sigma", camera.sigma);
+      finding.text += (finding.text.empty() ? "" : ", ") + Quoted(sensor.name) +
+                      " " + DescribeDelay(camera, delays.is_in_seconds);
+    }
+    if (!is_certain) continue;
+    const std::string& reference = scene.sensors[rig.ref_sensor_idx].name;
+    finding.text = "cameras do not trigger together: relative to " +
+                   Quoted(reference) + ", " + finding.text +
+                   "; stated standard deviations contain the errors by that";
+    finding.remedy = "set SoftRig.method time_offset";
+    if (!delays.is_in_seconds) finding.remedy += " and image_timestamps_path";
+    finding.cameras.push_back(reference);
+    findings.push_back(std::move(finding));
+  }
+  return findings;
+}
+
+void RemoveDelays(const Scene& scene, const RigDelays& delays,
+                  std::vector<SensorPairSamples>* pairs) {
+  std::vector<double> delay_of_sensor(scene.sensors.size(), 0.0);
+  for (const CameraDelay& camera : delays.cameras) {
+    delay_of_sensor[camera.sensor_idx] = camera.delay;
+  }
+  for (SensorPairSamples& pair : *pairs) {
+    const auto& a_from_rig = delays.delayed.sensor_from_rig[pair.sensor_a];
+    if (!a_from_rig) continue;
+    const double delay =
+        delay_of_sensor[pair.sensor_b] - delay_of_sensor[pair.sensor_a];
+    for (RigSample& sample : pair.samples) {
+      const Vector3d turn =
+          a_from_rig->rotation *
+          (delay * delays.angular_velocities[sample.frame_idx]);
+      sample.b_from_a = sample.b_from_a * ExpSO3(-turn);
+    }
+  }
+}
+
+std::vector<Finding> FindRigMoves(const Scene& scene,
+                                  const std::vector<SensorPairSamples>& pairs) {
+  std::vector<Move> moves;
+  std::vector<int> num_pairs(scene.sensors.size(), 0);
+  for (const SensorPairSamples& pair : pairs) {
+    const auto step = FindLargestStep(pair.samples);
+    if (!step) continue;
+    ++num_pairs[pair.sensor_a];
+    ++num_pairs[pair.sensor_b];
+    if (step->step_rad > kMinStepRad &&
+        step->step_rad > kMinStepInSigmas * step->sigma_rad) {
+      moves.push_back({pair.sensor_a, pair.sensor_b, *step});
+    }
+  }
+  std::vector<Finding> findings;
+  while (!moves.empty()) {
+    const int culprit = FindCulprit(moves, static_cast<int>(num_pairs.size()));
+    const auto others =
+        std::partition(moves.begin(), moves.end(),
+                       [&](const Move& m) { return m.Concerns(culprit); });
+    // A sensor that moved did so relative to most others.
+    if (2 * (others - moves.begin()) > num_pairs[culprit]) {
+      findings.push_back(
+          DescribeMove(scene, culprit,
+                       *std::max_element(moves.begin(), others,
+                                         [](const Move& a, const Move& b) {
+                                           return a.Strength() < b.Strength();
+                                         })));
+    }
+    moves.erase(moves.begin(), others);
+  }
+  return findings;
+}
+
+std::vector<Finding> CheckKnownRotations(
+    const Scene& scene, const std::vector<SensorPairSamples>& pairs,
+    const std::vector<KeptCount>& kept_between) {
+  const auto is_explained = [&](int sensor_idx) {
+    return !kept_between.empty() && kept_between[sensor_idx].Share() > 0.5;
+  };
+  std::vector<Finding> findings;
+  for (const SensorPairSamples& pair : pairs) {
+    const Sensor& a = scene.sensors[pair.sensor_a];
+    const Sensor& b = scene.sensors[pair.sensor_b];
+    if (!a.sensor_from_rig || !b.sensor_from_rig ||
+        pair.samples.size() < kMinNumFrames) {
+      continue;
+    }
+    const auto typical = FindTypicalPose(pair.samples);
+    const double error_rad = AngleBetween(
+        typical->b_from_a,
+        b.sensor_from_rig->rotation * a.sensor_from_rig->rotation.conjugate());
+    const double sigma_rad =
+        SigmaFromMedianNorm<3>(typical->median_deviation_rad);
+    if (error_rad < kMinKnownErrorRad ||
+        error_rad < kMinKnownErrorInSigmas * sigma_rad ||
+        (is_explained(pair.sensor_a) && is_explained(pair.sensor_b))) {
+      continue;
+    }
+    findings.push_back(
+        {Cause::kWrongKnownRotation,
+         {a.name, b.name},
+         {},
+         {{"error_deg", RadToDeg(error_rad)},
+          {"sigma_deg", RadToDeg(sigma_rad)},
+          {"num_frames", static_cast<double>(pair.samples.size())}},
+         "the known rotation between the cameras " + Quoted(a.name) + " and " +
+             Quoted(b.name) + " contradicts the image pairs of " +
+             std::to_string(pair.samples.size()) + " frames by " +
+             Formatted("%.1f", RadToDeg(error_rad)) + " deg",
+         "correct the rig configuration, or remove the pose of one of the "
+         "cameras to estimate it"});
+  }
+  return findings;
+}
+
+std::vector<Finding> FindSwappedCameras(
+    const Scene& scene, const std::vector<SensorPairSamples>& pairs) {
+  std::vector<Finding> findings;
+  for (const SensorPairSamples& pair : pairs) {
+    const auto typical = FindTypicalPose(pair.samples);
+    if (!typical) continue;
+    const Quaterniond inverse = typical->b_from_a.conjugate();
+    std::optional<Vector3d> inverse_direction;
+    if (typical->direction) {
+      inverse_direction = -(inverse * *typical->direction);
+    }
+    // A pose that is its own inverse hides an exchange.
+    const RigSample exchanged{0, inverse, inverse_direction};
+    if (Agrees(exchanged, typical->b_from_a, typical->direction)) continue;
+    std::vector<int> swapped, regular;
+    for (const RigSample& sample : pair.samples) {
+      const bool can_tell =
+          sample.direction ||
+          AngleBetween(inverse, typical->b_from_a) > 2.0 * kMaxPoseErrorRad;
+      if (!can_tell) continue;
+      if (Agrees(sample, inverse, inverse_direction)) {
+        swapped.push_back(sample.frame_idx);
+      } else if (Agrees(sample, typical->b_from_a, typical->direction)) {
+        regular.push_back(sample.frame_idx);
+      }
+    }
+    // The smaller of both groups is named.
+    if (swapped.size() > regular.size()) std::swap(swapped, regular);
+    if (swapped.size() < kMinNumFrames ||
+        !IsOneStretch(pair.samples, swapped) ||
+        static_cast<double>(swapped.size() + regular.size()) <
+            kMinExplainedShare * static_cast<double>(pair.samples.size())) {
+      continue;
+    }
+    const std::string& a = scene.sensors[pair.sensor_a].name;
+    const std::string& b = scene.sensors[pair.sensor_b].name;
+    const std::string& first = scene.frames[swapped.front()].name;
+    const std::string& last = scene.frames[swapped.back()].name;
+    findings.push_back(
+        {Cause::kSwappedCameras,
+         {a, b},
+         {first, last},
+         {{"num_frames_swapped", static_cast<double>(swapped.size())},
+          {"num_frames_regular", static_cast<double>(regular.size())}},
+         "the images of cameras " + Quoted(a) + " and " + Quoted(b) +
+             " seem to be exchanged in " + std::to_string(swapped.size()) +
+             " frames, " + Quoted(first) + " to " + Quoted(last),
+         "exchange the names of these images"});
+  }
+  return findings;
+}
+
+}  // namespace mgsfm

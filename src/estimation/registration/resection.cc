@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "base/parallel.h"
+#include "base/random.h"
+#include "geometry/absolute_pose.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/registration/model_extension.h"
+#include "registration/point_matches.h"
+#include "scene/typical_pose.h"
+
+namespace mgsfm {
+namespace {
+
+// The pose of a rigid unit (a frame or a single image) and its support.
+struct UnitPose {
+  std::optional<Rigid3> unit_from_world;
+  int num_keypoints = 0;
+  int num_inliers = 0;
+};
+
+// The unchanging inputs of all resections.
+struct ResectionInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const Reconstruction& model;
+  const ResectionOptions& options;
+  const Context& context;
+  std::vector<std::vector<PointMatch>> matches;  // per image without pose
+};
+
+using SensorPoses = std::vector<std::optional<Rigid3>>;  // sensor_from_rig
+
+// Random streams of single images and of frames differ.
+uint64_t StreamOfImage(size_t image_idx) { return 2 * image_idx; }
+uint64_t StreamOfFrame(int frame_idx) {
+  return 2 * static_cast<uint64_t>(frame_idx) + 1;
+}
+
+std::vector<std::vector<PointMatch>> MatchUnregisteredImages(
+    const Scene& scene, const ViewGraph& view_graph,
+    const Reconstruction& model, int num_threads) {
+  Mask is_wanted(scene.images.size());
+  for (size_t i = 0; i < is_wanted.size(); ++i) {
+    is_wanted[i] = !model.IsRegistered(scene, static_cast<int>(i));
+  }
+  return FindPointMatches(scene, view_graph, model, is_wanted, num_threads);
+}
+
+CameraPoints CollectPoints(const ResectionInput& input, int image_idx,
+                           const Rigid3& cam_from_unit) {
+  const Camera& camera =
+      input.scene.cameras[input.scene.images[image_idx].camera_idx];
+  CameraPoints result{cam_from_unit, {}, {}, 0.0, {}};
+  result.max_error_rad = input.options.abs_pose_max_error_px /
+                         PixelsPerRadian(camera.model, camera.params.data());
+  for (const PointMatch& match : input.matches[image_idx]) {
+    if (!input.bearings.HasRay(image_idx, match.keypoint_idx)) continue;
+    result.rays.push_back(input.bearings.Ray(image_idx, match.keypoint_idx));
+    result.points.push_back(input.model.points[match.point_idx].point_in_world);
+  }
+  return result;
+}
+
+UnitPose ResectUnit(const ResectionInput& input,
+                    const std::vector<CameraPoints>& cameras, uint64_t stream) {
+  const ResectionOptions& options = input.options;
+  UnitPose result;
+  for (const CameraPoints& camera : cameras) {
+    result.num_keypoints += static_cast<int>(camera.size());
+  }
+  if (result.num_keypoints < options.abs_pose_min_num_inliers) return result;
+  RansacOptions ransac;
+  ransac.max_num_trials = options.abs_pose_max_num_trials;
+  ransac.min_num_trials =
+      std::min(ransac.min_num_trials, ransac.max_num_trials);
+  Random random(input.context.random_seed, stream);
+  const auto pose = EstimateAbsolutePose(cameras, ransac, &random);
+  if (!pose) return result;
+  result.num_inliers = ScoreAbsolutePose(cameras, *pose).num_inliers;
+  if (result.num_inliers >= options.abs_pose_min_num_inliers &&
+      result.num_inliers >=
+          options.abs_pose_min_inlier_ratio * result.num_keypoints) {
+    result.unit_from_world = pose;
+  }
+  return result;
+}
+
+// ------------------------------------------------------------------ sensors
+
+// cam_from_world of each image of a rig with an uncalibrated sensor.
+std::vector<UnitPose> ResectSingleImages(const ResectionInput& input,
+                                         const SensorPoses& sensor_from_rig) {
+  const Scene& scene = input.scene;
+  Mask rig_is_calibrated(scene.rigs.size(), true);
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    if (!sensor_from_rig[i])
+      rig_is_calibrated[scene.sensors[i].rig_idx] = false;
+  }
+  std::vector<UnitPose> poses(scene.images.size());
+  ParallelFor(
+      scene.images.size(), input.context.num_threads,
+      [&](size_t i) {
+        const Image& image = scene.images[i];
+        if (rig_is_calibrated[scene.frames[image.frame_idx].rig_idx]) return;
+        poses[i] = ResectUnit(
+            input, {CollectPoints(input, static_cast<int>(i), Rigid3())},
+            StreamOfImage(i));
+      },
+      1);
+  return poses;
+}
+
+// The pose of a frame in the model; otherwise that of its calibrated image with
+// the most inliers.
+std::optional<Rigid3> FindRigFromWorld(const ResectionInput& input,
+                                       const Frame& frame,
+                                       const SensorPoses& sensor_from_rig,
+                                       const std::vector<UnitPose>& images) {
+  const Scene& scene = input.scene;
+  const int frame_idx = scene.images[frame.image_idxs.front()].frame_idx;
+  if (input.model.rig_from_world[frame_idx]) {
+    return input.model.rig_from_world[frame_idx];
+  }
+  std::optional<Rigid3> rig_from_world;
+  int max_num_inliers = 0;
+  for (const int image_idx : frame.image_idxs) {
+    const UnitPose& image = images[image_idx];
+    const auto& sensor = sensor_from_rig[scene.images[image_idx].sensor_idx];
+    if (!sensor || !image.unit_from_world ||
+        image.num_inliers <= max_num_inliers) {
+      continue;
+    }
+    max_num_inliers = image.num_inliers;
+    rig_from_world = sensor->Inverse() * *image.unit_from_world;
+  }
+  return rig_from_world;
+}
+
+// One estimate of sensor_from_rig per frame that has poses of both.
+std::vector<Rigid3> FindSensorPoses(const ResectionInput& input, int sensor_idx,
+                                    const SensorPoses& sensor_from_rig,
+                                    const std::vector<UnitPose>& images) {
+  const Scene& scene = input.scene;
+  std::vector<Rigid3> poses;
+  for (const Frame& frame : scene.frames) {
+    if (frame.rig_idx != scene.sensors[sensor_idx].rig_idx) continue;
+    for (const int image_idx : frame.image_idxs) {
+      const auto& cam_from_world = images[image_idx].unit_from_world;
+      if (scene.images[image_idx].sensor_idx != sensor_idx) continue;
+      if (!cam_from_world) continue;
+      const auto rig_from_world =
+          FindRigFromWorld(input, frame, sensor_from_rig, images);
+      if (!rig_from_world) continue;
+      poses.push_back(*cam_from_world * rig_from_world->Inverse());
+    }
+  }
+  return poses;
+}
+
+// Completes the rig extrinsics: known ones first, then, as long as another
+// sensor can be connected to those before, by resection.
+std::vector<PlacedSensor> CalibrateSensors(const ResectionInput& input,
+                                           SensorPoses* sensor_from_rig) {
+  std::vector<int> unknown;
+  for (size_t i = 0; i < sensor_from_rig->size(); ++i) {
+    std::optional<Rigid3>& pose = (*sensor_from_rig)[i];
+    if (pose) continue;
+    pose = input.scene.sensors[i].sensor_from_rig;
+    if (!pose) unknown.push_back(static_cast<int>(i));
+  }
+  std::vector<PlacedSensor> placed;
+  if (unknown.empty()) return placed;
+  const std::vector<UnitPose> images =
+      ResectSingleImages(input, *sensor_from_rig);
+  for (bool has_changed = true; has_changed;) {
+    has_changed = false;
+    for (const int sensor_idx : unknown) {
+      if ((*sensor_from_rig)[sensor_idx]) continue;
+      const std::vector<Rigid3> poses =
+          FindSensorPoses(input, sensor_idx, *sensor_from_rig, images);
+      if (poses.empty()) continue;
+      (*sensor_from_rig)[sensor_idx] = TypicalPose(poses);
+      placed.push_back({sensor_idx, static_cast<int>(poses.size())});
+      has_changed = true;
+    }
+  }
+  return placed;
+}
+
+// ------------------------------------------------------------------- frames
+
+// Resects one frame; returns its pose if it is registered.
+std::optional<Rigid3> ResectFrame(const ResectionInput& input,
+                                  const SensorPoses& sensor_from_rig,
+                                  ResectedFrame* frame) {
+  const Scene& scene = input.scene;
+  std::vector<CameraPoints> cameras;
+  for (const int image_idx : scene.frames[frame->frame_idx].image_idxs) {
+    const auto& sensor = sensor_from_rig[scene.images[image_idx].sensor_idx];
+    if (sensor) cameras.push_back(CollectPoints(input, image_idx, *sensor));
+  }
+  const UnitPose pose =
+      ResectUnit(input, cameras, StreamOfFrame(frame->frame_idx));
+  frame->num_images = static_cast<int>(cameras.size());
+  frame->num_keypoints = pose.num_keypoints;
+  frame->num_inliers = pose.num_inliers;
+  frame->is_added = pose.unit_from_world.has_value();
+  return pose.unit_from_world;
+}
+
+}  // namespace
+
+ResectionResult ResectFrames(const Scene& scene, const Bearings& bearings,
+                             const ViewGraph& view_graph,
+                             const Reconstruction& model,
+                             const ResectionOptions& options,
+                             const Context& context) {
+  MGSFM_CHECK_EQ(model.rig_from_world.size(), scene.frames.size());
+  MGSFM_CHECK_EQ(model.sensor_from_rig.size(), scene.sensors.size());
+  const ResectionInput input{
+      scene,
+      bearings,
+      model,
+      options,
+      context,
+      MatchUnregisteredImages(scene, view_graph, model, context.num_threads)};
+  ResectionResult result;
+  result.estimate = model;
+  result.sensors = CalibrateSensors(input, &result.estimate.sensor_from_rig);
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (!model.rig_from_world[i]) {
+      result.frames.push_back({static_cast<int>(i)});
+    }
+  }
+  ParallelFor(
+      result.frames.size(), context.num_threads,
+      [&](size_t i) {
+        ResectedFrame& frame = result.frames[i];
+        result.estimate.rig_from_world[frame.frame_idx] =
+            ResectFrame(input, result.estimate.sensor_from_rig, &frame);
+      },
+      1,
+      [&](size_t num_done) {
+        context.ReportProgress("resection", num_done, result.frames.size());
+      });
+  return result;
+}
+
+}  // namespace mgsfm

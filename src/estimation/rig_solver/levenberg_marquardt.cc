@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "rig_solver/levenberg_marquardt.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mgsfm {
+namespace {
+
+// Smallest ratio of actual to predicted decrease of an accepted step; as in
+// Ceres.
+constexpr double kMinRatio = 1e-3;
+// Relative rounding error of a cost, some tens of machine precisions.
+constexpr double kRoundOff = 1e-14;
+// The initial value of Ceres.
+constexpr double kInitialLambda = 1e-4;
+// Below the first bound, damping vanishes in the rounding of the diagonal;
+// above the second, a step vanishes in the rounding of the state.
+constexpr double kMinLambda = 1e-16;
+constexpr double kMaxLambda = 1e16;
+// Factor of lambda after a step as good as predicted (Nielsen), and of this
+// factor from one such step to the next.
+constexpr double kShrinkage = 1.0 / 3.0;
+
+class LevenbergMarquardt {
+ public:
+  LevenbergMarquardt(const RigSolverOptions& options, int max_num_iterations,
+                     const Context& context, DampedProblem* problem)
+      : options_(options),
+        max_num_iterations_(max_num_iterations),
+        context_(context),
+        problem_(*problem) {}
+
+  SolveSummary Run() {
+    Start();
+    while (!is_done_ && summary_.num_iterations < max_num_iterations_) {
+      ReportProgress();
+      ++summary_.num_iterations;
+      if (!problem_.Linearize(lambda_)) {
+        Finish(Termination::kFailure, "A derivative is not finite.");
+      } else if (!problem_.Solve()) {
+        Reject();
+      } else {
+        AcceptOrReject(problem_.TryStep());
+      }
+    }
+    summary_.final_cost = cost_;
+    return summary_;
+  }
+
+ private:
+  void Start() {
+    cost_ = problem_.Cost();
+    summary_.initial_cost = cost_;
+    summary_.termination = Termination::kMaxIterations;
+    summary_.message = "Reached the maximum number of iterations.";
+    if (!std::isfinite(cost_)) {
+      Finish(Termination::kFailure, "The initial cost is not finite.");
+    } else if (cost_ == 0.0) {
+      Finish(Termination::kConverged, "The initial cost is zero.");
+    }
+  }
+
+  // Estimates the iterations until convergence from the relative decrease of
+  // the cost, which is about geometric. `max_num_iterations` is far too
+  // pessimistic.
+  void ReportProgress() const {
+    const double num_done = summary_.num_iterations;
+    const double num_estimated =
+        share_ > 0.0 ? std::min<double>(max_num_iterations_, num_done / share_)
+                     : max_num_iterations_;
+    context_.ReportProgress(
+        "solver", static_cast<size_t>(summary_.num_iterations),
+        static_cast<size_t>(std::max(num_done + 1.0, num_estimated)));
+  }
+
+  void AcceptOrReject(const TrialStep& step) {
+    const double decrease = cost_ - step.new_cost;
+    const double tolerance = options_.parameter_tolerance;
+    if (step.step_norm <= tolerance * (step.state_norm + tolerance)) {
+      Finish(Termination::kConverged, "The step is small.");
+    } else if (decrease > kMinRatio * step.predicted_decrease &&
+               decrease > 0.0) {
+      Accept(step.new_cost, decrease / step.predicted_decrease);
+    } else if (step.predicted_decrease <= kRoundOff * cost_) {
+      Finish(Termination::kConverged, "No step decreases the cost.");
+    } else {
+      Reject();
+    }
+  }
+
+  void Accept(double new_cost, double ratio) {
+    const double relative_decrease = (cost_ - new_cost) / cost_;
+    share_ = std::max(share_, std::log(relative_decrease) /
+                                  std::log(options_.function_tolerance));
+    const bool is_converged =
+        cost_ - new_cost <= options_.function_tolerance * cost_;
+    problem_.AcceptStep();
+    cost_ = new_cost;
+    Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
+    if (is_converged || cost_ == 0.0) {
+      Finish(Termination::kConverged,
+             "The relative change of the cost is small.");
+    }
+  }
+
+  // The low-frequency deformations of a long drive have tiny curvatures. They
+  // converge only when lambda is as small, which takes many steps if lambda
+  // shrinks by a constant factor.
+  void Shrink(double factor) {
+    if (factor < kShrinkage) {
+      lambda_ *= lambda_shrinkage_;
+      lambda_shrinkage_ *= kShrinkage;
+    } else {
+      lambda_ *= factor;
+      lambda_shrinkage_ = kShrinkage;
+    }
+    lambda_ = std::max(kMinLambda, lambda_);
+    lambda_growth_ = 2.0;
+  }
+
+  void Reject() {
+    lambda_ *= lambda_growth_;
+    lambda_growth_ *= 2.0;
+    lambda_shrinkage_ = kShrinkage;
+    if (lambda_ > kMaxLambda) {
+      Finish(Termination::kFailure, "The damping exceeds its maximum.");
+    }
+  }
+
+  void Finish(Termination termination, const char* message) {
+    summary_.termination = termination;
+    summary_.message = message;
+    is_done_ = true;
+  }
+
+  const RigSolverOptions& options_;
+  const int max_num_iterations_;
+  const Context& context_;
+  DampedProblem& problem_;
+  double cost_ = 0.0;
+  double share_ = 0.0;  // of the iterations that are done, estimated
+  double lambda_ = kInitialLambda;
+  double lambda_growth_ = 2.0;
+  double lambda_shrinkage_ = kShrinkage;
+  bool is_done_ = false;
+  SolveSummary summary_;
+};
+
+}  // namespace
+
+SolveSummary MinimizeByLevenbergMarquardt(const RigSolverOptions& options,
+                                          int max_num_iterations,
+                                          const Context& context,
+                                          DampedProblem* problem) {
+  return LevenbergMarquardt(options, max_num_iterations, context, problem)
+      .Run();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/solver.h"
+#include "rig_solver/rig_solver.h"
+
+namespace mgsfm {
+
+// The result of a trial step from the current state.
+struct TrialStep {
+  double new_cost = 0.0;
+  // Decrease of the cost by the linear model.
+  double predicted_decrease = 0.0;
+  double step_norm = 0.0;
+  double state_norm = 0.0;
+};
+
+// The problem as the trust-region loop sees it: a state and steps from it.
+class DampedProblem {
+ public:
+  virtual ~DampedProblem() = default;
+  // Not finite if the state is outside of the domain.
+  virtual double Cost() = 0;
+  // Forms the normal equations with damping lambda. False if a derivative is
+  // not finite.
+  virtual bool Linearize(double lambda) = 0;
+  // False if the equations are not positive definite to working precision.
+  virtual bool Solve() = 0;
+  // Evaluates the state after the step.
+  virtual TrialStep TryStep() = 0;
+  virtual void AcceptStep() = 0;
+};
+
+// The trust-region loop of all rig problems; see rig_solver.h for its rules.
+SolveSummary MinimizeByLevenbergMarquardt(const RigSolverOptions& options,
+                                          int max_num_iterations,
+                                          const Context& context,
+                                          DampedProblem* problem);
+
+}  // namespace mgsfm

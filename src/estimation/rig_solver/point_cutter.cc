@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "rig_solver/point_cutter.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <utility>
+
+#include "base/parallel.h"
+#include "mgsfm/base/mask.h"
+#include "rig_solver/chunk_groups.h"
+
+namespace mgsfm {
+namespace {
+
+// Chunks repeat each other's pairs. Adding up those of some chunks at a time
+// needs far less memory than those of all.
+constexpr size_t kNumChunksAtATime = 8;
+// A merge takes as long as there are sums. It waits for this share of new ones,
+// which need memory meanwhile.
+constexpr size_t kNumSumsPerAdded = 4;
+
+bool IsBefore(const WeightedPair& a, const WeightedPair& b) {
+  return a.Key() < b.Key();
+}
+
+// Replaces equal neighbours by their sum.
+void SumEqualPairs(std::vector<WeightedPair>* weights) {
+  size_t num_sums = 0;
+  for (const WeightedPair weight : *weights) {
+    if (num_sums == 0 || (*weights)[num_sums - 1].Key() != weight.Key()) {
+      (*weights)[num_sums++] = weight;
+      continue;
+    }
+    int& sum = (*weights)[num_sums - 1].weight;
+    sum += std::min(weight.weight, kInfiniteWeight - sum);
+  }
+  weights->resize(num_sums);
+}
+
+// Moves weights into sorted sums.
+void AddWeights(std::vector<WeightedPair>* added,
+                std::vector<WeightedPair>* sums) {
+  std::sort(added->begin(), added->end(), IsBefore);
+  SumEqualPairs(added);
+  const auto middle = sums->insert(sums->end(), added->begin(), added->end());
+  std::inplace_merge(sums->begin(), middle, sums->end(), IsBefore);
+  SumEqualPairs(sums);
+  added->clear();
+}
+
+}  // namespace
+
+PointCutter::PointCutter(bool points_are_free, const Mask& block_is_border,
+                         const std::vector<BlockPairKey>& inseparable,
+                         int num_threads, RigStructure* structure)
+    : points_are_free_(points_are_free),
+      block_is_border_(block_is_border),
+      num_threads_(num_threads),
+      s_(*structure) {
+  WeighPairs(inseparable);
+}
+
+// The number of groups that two blocks share. Ignores border blocks.
+std::vector<WeightedPair> PointCutter::WeightsOfChunk(
+    const ChunkRanges& chunk) const {
+  const size_t num_blocks = chunk.blocks.size();
+  const int* blocks = s_.chunk_blocks.data() + chunk.blocks.begin;
+  std::vector<int> count(num_blocks * num_blocks, 0);
+  const auto add = [&](const std::vector<int>& met) {
+    for (const int a : met) {
+      for (const int b : met) ++count[a * num_blocks + b];
+    }
+  };
+  ForEachGroup(s_, chunk, points_are_free_, add);
+  std::vector<WeightedPair> weights;
+  for (size_t i = 0; i < num_blocks; ++i) {
+    for (size_t k = 0; k < i; ++k) {
+      const int a = std::min(blocks[i], blocks[k]);
+      const int b = std::max(blocks[i], blocks[k]);
+      if (count[i * num_blocks + k] == 0 || block_is_border_[a] ||
+          block_is_border_[b]) {
+        continue;
+      }
+      weights.push_back({a, b, count[i * num_blocks + k]});
+    }
+  }
+  return weights;
+}
+
+// Sums the weights over all chunks.
+void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
+  std::vector<WeightedPair> added;
+  for (const BlockPairKey pair : inseparable) {
+    added.push_back({ColumnOf(pair), RowOf(pair), kInfiniteWeight});
+  }
+  for (size_t first = 0; first < s_.chunks.size(); first += kNumChunksAtATime) {
+    std::vector<std::vector<WeightedPair>> of_chunks(
+        std::min(kNumChunksAtATime, s_.chunks.size() - first));
+    ParallelFor(
+        of_chunks.size(), num_threads_,
+        [&](size_t c) { of_chunks[c] = WeightsOfChunk(s_.chunks[first + c]); },
+        1);
+    for (const std::vector<WeightedPair>& weights : of_chunks) {
+      added.insert(added.end(), weights.begin(), weights.end());
+    }
+    if (kNumSumsPerAdded * added.size() > weights_.size()) {
+      AddWeights(&added, &weights_);
+    }
+  }
+  AddWeights(&added, &weights_);
+  weights_.shrink_to_fit();
+}
+
+void PointCutter::Cut(int num_kept) {
+  const StrongPairs strong_pairs(
+      weights_, static_cast<int>(s_.block_size.size()), num_kept);
+  s_.observation_starts_part.assign(s_.observation_image.size(), false);
+  s_.term_is_cut.assign(s_.term_images.size(), false);
+  const auto cut_chunk = [&](size_t c) {
+    const ChunkRanges& chunk = s_.chunks[c];
+    for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
+      if (!points_are_free_) break;
+      CutPoint(strong_pairs, chunk, s_.point_begin[p], s_.point_begin[p + 1]);
+    }
+    for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
+      s_.term_is_cut[t] = IsCut(strong_pairs, chunk, t);
+    }
+  };
+  ParallelFor(s_.chunks.size(), num_threads_, cut_chunk, 1);
+}
+
+// Adds each observation to the first part whose blocks are all strong pairs
+// with its own.
+void PointCutter::CutPoint(const StrongPairs& strong_pairs,
+                           const ChunkRanges& chunk, size_t begin, size_t end) {
+  struct Part {
+    std::vector<int> blocks;
+    std::vector<std::pair<uint32_t, uint16_t>> observations;  // order, image
+  };
+  std::vector<Part> parts;
+  for (size_t k = begin; k < end; ++k) {
+    const ChunkImage& image =
+        s_.chunk_images[chunk.images.begin + s_.observation_image[k]];
+    std::vector<int> blocks;
+    for (const int position : {image.frame, image.sensor, image.camera}) {
+      if (position == kNoBlock) continue;
+      const int block = s_.chunk_blocks[chunk.blocks.begin + position];
+      if (!block_is_border_[block]) blocks.push_back(block);
+    }
+    const auto fits = [&](const Part& part) {
+      return std::all_of(blocks.begin(), blocks.end(), [&](int a) {
+        return std::all_of(part.blocks.begin(), part.blocks.end(),
+                           [&](int b) { return IsStrong(strong_pairs, a, b); });
+      });
+    };
+    auto part = std::find_if(parts.begin(), parts.end(), fits);
+    if (part == parts.end()) part = parts.insert(part, Part());
+    part->blocks.insert(part->blocks.end(), blocks.begin(), blocks.end());
+    part->observations.emplace_back(s_.observation_order[k],
+                                    s_.observation_image[k]);
+  }
+  size_t k = begin;
+  for (const Part& part : parts) {
+    s_.observation_starts_part[k] = k > begin;
+    for (const auto& [order, image] : part.observations) {
+      s_.observation_order[k] = order;
+      s_.observation_image[k++] = image;
+    }
+  }
+}
+
+bool PointCutter::IsCut(const StrongPairs& strong_pairs,
+                        const ChunkRanges& chunk, size_t term) const {
+  const int* blocks = s_.chunk_blocks.data() + chunk.blocks.begin;
+  const ChunkImage& image1 =
+      s_.chunk_images[chunk.images.begin + s_.term_images[term][0]];
+  const ChunkImage& image2 =
+      s_.chunk_images[chunk.images.begin + s_.term_images[term][1]];
+  for (const int a : {image1.frame, image1.sensor}) {
+    for (const int b : {image2.frame, image2.sensor}) {
+      if (a == kNoBlock || b == kNoBlock) continue;
+      if (!IsStrong(strong_pairs, blocks[a], blocks[b])) return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/base/mask.h"
+#include "rig_solver/block_pattern.h"
+#include "rig_solver/rig_structure.h"
+#include "rig_solver/strong_pairs.h"
+
+namespace mgsfm {
+
+// Cuts points into parts, each observed only by images that share many points.
+// The reduced matrix of the parts has few blocks and is cheap to factorise; it
+// is the preconditioner of the iterative solver (docs/maths/rig_solver.md).
+// Terms of two images are cut likewise. Border blocks are in all parts.
+class PointCutter {
+ public:
+  // Counts the points and terms that two blocks share. `structure` must have
+  // chunks without cuts, and outlive the cutter. `inseparable` are pairs that
+  // no cut may separate, sorted and unique. Linear in the observations and in
+  // the pairs of blocks of chunks.
+  PointCutter(bool points_are_free, const Mask& block_is_border,
+              const std::vector<BlockPairKey>& inseparable, int num_threads,
+              RigStructure* structure);
+
+  // Cuts such that all blocks of a part are strong pairs of `num_kept`
+  // neighbours (strong_pairs.h). Sets observation_starts_part and term_is_cut,
+  // and sorts the observations of points by part.
+  void Cut(int num_kept);
+
+ private:
+  std::vector<WeightedPair> WeightsOfChunk(const ChunkRanges& chunk) const;
+  void WeighPairs(const std::vector<BlockPairKey>& inseparable);
+  bool IsStrong(const StrongPairs& strong_pairs, int a, int b) const {
+    return block_is_border_[a] || block_is_border_[b] ||
+           strong_pairs.Contains(a, b);
+  }
+  void CutPoint(const StrongPairs& strong_pairs, const ChunkRanges& chunk,
+                size_t begin, size_t end);
+  bool IsCut(const StrongPairs& strong_pairs, const ChunkRanges& chunk,
+             size_t term) const;
+
+  const bool points_are_free_;
+  const Mask& block_is_border_;
+  const int num_threads_;
+  RigStructure& s_;
+  std::vector<WeightedPair> weights_;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "rotation_averaging/hand_eye.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+
+#include "geometry/so3.h"
+#include "math/robust_loss.h"
+#include "math/robust_scale.h"
+#include "math/statistics.h"
+#include "mgsfm/base/error.h"
+#include "rotation_averaging/rotation_solver.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+// Annealing takes at most 14: log(5 deg / 0.05 deg) / log(1 / 0.7), rounded up.
+constexpr int kMaxNumIterations = 100;
+constexpr double kStepTolerance = 1e-9;
+
+// argmin_X sum w |alpha - X beta|^2.
+Quaterniond SolveWahba(const std::vector<MotionPair>& motions,
+                       const std::vector<double>& weights) {
+  Matrix3d M = Matrix3d::Zero();
+  for (size_t i = 0; i < motions.size(); ++i) {
+    M += weights[i] * motions[i].alpha * motions[i].beta.transpose();
+  }
+  const Eigen::JacobiSVD<Matrix3d> svd(
+      M, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const double sign =
+      svd.matrixU().determinant() * svd.matrixV().determinant() < 0 ? -1 : 1;
+  const Matrix3d X = svd.matrixU() * Vector3d(1.0, 1.0, sign).asDiagonal() *
+                     svd.matrixV().transpose();
+  return Quaterniond(X).normalized();
+}
+
+std::vector<double> ErrorNorms(const std::vector<MotionPair>& motions,
+                               const Quaterniond& a_from_b) {
+  std::vector<double> norms;
+  norms.reserve(motions.size());
+  for (const MotionPair& motion : motions) {
+    norms.push_back((motion.alpha - a_from_b * motion.beta).norm());
+  }
+  return norms;
+}
+
+double SecondAxisRms(const std::vector<MotionPair>& motions,
+                     const std::vector<double>& weights) {
+  Matrix3d covariance = Matrix3d::Zero();
+  double sum = 0.0;
+  for (size_t i = 0; i < motions.size(); ++i) {
+    covariance += weights[i] * motions[i].beta * motions[i].beta.transpose();
+    sum += weights[i];
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(covariance / sum);
+  return std::sqrt(std::max(0.0, eigen.eigenvalues()[1]));
+}
+
+}  // namespace
+
+HandEyeResult CalibrateHandEye(const std::vector<MotionPair>& motions,
+                               int num_independent) {
+  MGSFM_CHECK(!motions.empty());
+  HandEyeResult result;
+  SolveSummary& summary = result.summary;
+  summary.termination = Termination::kMaxIterations;
+  std::vector<double> weights(motions.size(), 1.0);
+  result.a_from_b = SolveWahba(motions, weights);
+  std::vector<double> norms = ErrorNorms(motions, result.a_from_b);
+  RobustScaleSchedule schedule;
+  while (summary.num_iterations < kMaxNumIterations) {
+    ++summary.num_iterations;
+    const RobustLoss loss = schedule.Next(norms);
+    for (size_t i = 0; i < motions.size(); ++i) {
+      weights[i] = loss.Weight(norms[i] * norms[i]);
+    }
+    const Quaterniond last = result.a_from_b;
+    result.a_from_b = SolveWahba(motions, weights);
+    norms = ErrorNorms(motions, result.a_from_b);
+    if (schedule.IsFinal() &&
+        AngleBetween(last, result.a_from_b) <= kStepTolerance) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
+  }
+  result.second_axis_rms_rad = SecondAxisRms(motions, weights);
+  const double sigma = RobustSigma<3>(norms);
+  result.median_error_rad = Median(std::move(norms));
+  result.uncertainty_rad =
+      sigma / std::max(1e-12, result.second_axis_rms_rad *
+                                  std::sqrt(std::max(1, num_independent)));
+  return result;
+}
+
+}  // namespace mgsfm

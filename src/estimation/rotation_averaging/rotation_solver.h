@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "geometry/so3.h"
+#include "math/robust_loss.h"
+#include "math/robust_scale.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/solver.h"
+#include "mgsfm/rotation_averaging/rotation_averaging.h"
+#include "rotation_averaging/rotation_initialization.h"
+#include "rotation_averaging/rotation_problem.h"
+
+namespace mgsfm {
+
+// Annealing of the scale of a Geman-McClure loss (graduated non-convexity,
+// Black and Rangarajan 1996). With sigma the robust standard deviation of the
+// residuals at a step and target = max(6 sigma, 0.05 deg), the scale starts at
+// max(5 deg, 2 target) and is multiplied by 0.7 in each step until it reaches
+// the target; from then on it is final.
+class RobustScaleSchedule {
+ public:
+  // The loss for the next iteration, given all norms of the residuals, radians.
+  RobustLoss Next(const std::vector<double>& norms);
+  bool IsFinal() const { return is_final_; }
+  double scale_rad() const { return scale_rad_; }
+
+ private:
+  AnnealedScale scale_ = AnnealedScale(DegToRad(5.0), 0.7);
+  double scale_rad_ = 0.0;
+  bool is_final_ = false;
+};
+
+// Minimises sum w |e| over the nodes with fixed sensors (Chatterjee and
+// Govindu, ICCV 2013): each step minimises the linearised sum w |e + d_1 - d_2|
+// by ADMM. Stops when the root mean square of a step is at most 0.05 deg, or
+// after max_num_l1_iterations steps. The cost in the summary is the objective.
+SolveSummary AverageL1(const RotationProblem& problem,
+                       const RotationAveragingOptions& options,
+                       const Context& context, RotationState* state);
+
+// Minimises sum w rho(|e|^2) / 2 over nodes and free sensors by re-weighted
+// Gauss-Newton steps (rotation_equations.h), with gravity terms weighted as in
+// gravity.h. Stops when all rotations change by at most step_tolerance_deg at
+// the final scale, or after max_num_iterations. Both costs of the summary are
+// those of the edges at the final scale. After a failure the state is that of
+// the last successful step.
+SolveSummary AverageRobust(const RotationProblem& problem,
+                           const RotationAveragingOptions& options,
+                           const Context& context, RotationState* state);
+
+// Initialisation by a spanning forest (rotation_initialization.h), AverageL1()
+// and AverageRobust(), whose summary is returned. If the L1 step fails,
+// AverageRobust() continues from its last state. With a start the L1 step is
+// skipped: it would lose the start, because it converges to the majority from
+// anywhere, while the robust step stays close.
+SolveSummary AverageNodes(const RotationProblem& problem,
+                          const NodeStart& start,
+                          const RotationAveragingOptions& options,
+                          const Context& context, RotationState* state);
+
+}  // namespace mgsfm

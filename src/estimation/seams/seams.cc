@@ -1,0 +1,385 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "seams/seams.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "math/statistics.h"
+#include "mgsfm/base/error.h"
+#include "seams/frame_cuts.h"
+
+namespace mgsfm {
+namespace {
+
+using FramePair = FramePairIndex::FramePair;
+
+// n0 of the confidence: pairs of images with fewer inliers are not accepted.
+constexpr double kFewTracks = 15.0;
+// The quantile of the lengths of steps that counts as a fast one. Loops between
+// places that look alike are wrong by 15 to 50 times the error that it allows
+// (docs/maths/seams.md).
+constexpr double kFastSteps = 0.9;
+
+// The point that observes each keypoint.
+class PointOfKeypoint {
+ public:
+  PointOfKeypoint(const Scene& scene, const Reconstruction& reconstruction) {
+    for (const Image& image : scene.images) {
+      points_.emplace_back(image.keypoints_px.size());
+    }
+    for (size_t i = 0; i < reconstruction.points.size(); ++i) {
+      for (const Observation& o : reconstruction.points[i].track) {
+        points_[o.image_idx][o.keypoint_idx] = i;
+      }
+    }
+  }
+
+  int CountConfirmed(const ImagePair& pair) const {
+    return static_cast<int>(std::count_if(
+        pair.matches.begin(), pair.matches.end(), [&](const Match& match) {
+          const auto& point1 = points_[pair.image_idx1][match.keypoint_idx1];
+          return point1 &&
+                 point1 == points_[pair.image_idx2][match.keypoint_idx2];
+        }));
+  }
+
+ private:
+  std::vector<std::vector<std::optional<size_t>>> points_;  // per image
+};
+
+// Per image pair.
+std::vector<int> CountConfirmed(const ConfidenceInput& input) {
+  const PointOfKeypoint points(input.scene, input.reconstruction);
+  std::vector<int> num_confirmed;
+  for (const ImagePair& pair : input.view_graph.pairs) {
+    num_confirmed.push_back(points.CountConfirmed(pair));
+  }
+  return num_confirmed;
+}
+
+// Pairs without a confirmed match join parts only if no others do, and
+// neighbours in the order of frames only if no pairs do.
+FrameCuts FindCuts(const ConfidenceInput& input,
+                   const std::vector<int>& num_confirmed) {
+  const FramePairIndex& index = input.index;
+  const auto is_registered = [&](int frame_idx) {
+    return input.reconstruction.rig_from_world[frame_idx].has_value();
+  };
+  std::vector<GraphEdge> edges;
+  std::optional<int> last;
+  for (int i = 0; i < index.num_frames(); ++i) {
+    if (!is_registered(i)) continue;
+    if (last) edges.push_back({*last, i, -1.0});
+    last = i;
+  }
+  for (const FramePair& frames : index.frame_pairs()) {
+    if (!frames.IsBetweenFrames() || !is_registered(frames.frame_idx1) ||
+        !is_registered(frames.frame_idx2)) {
+      continue;
+    }
+    double weight = 0.0;
+    for (const size_t i : frames.pair_idxs) weight += num_confirmed[i];
+    edges.push_back({frames.frame_idx1, frames.frame_idx2, weight});
+  }
+  return {index.num_frames(), edges};
+}
+
+// Counts of what crosses each cut.
+struct CutEvidence {
+  std::vector<double> num_tracks;
+  std::vector<double> num_ties;
+  std::vector<double> num_pairs;
+  std::vector<double> num_confirmed;
+  std::vector<double> num_against;
+  Mask has_few_ties;
+  Mask is_jump;
+  Mask motion_is_known;
+
+  double ShareAgainst(size_t cut_idx) const {
+    if (motion_is_known[cut_idx]) return 0.0;
+    const double sum = num_confirmed[cut_idx] + num_against[cut_idx];
+    return sum > 0.0 ? num_against[cut_idx] / sum : 0.0;
+  }
+  double ConfidenceOf(size_t cut_idx) const {
+    if (is_jump[cut_idx]) return 0.0;
+    return (1.0 - ShareAgainst(cut_idx)) * num_tracks[cut_idx] /
+           (num_tracks[cut_idx] + kFewTracks);
+  }
+};
+
+std::vector<int> FramesOf(const Scene& scene, const Point3D& point) {
+  std::vector<int> frames;
+  for (const Observation& observation : point.track) {
+    frames.push_back(scene.images[observation.image_idx].frame_idx);
+  }
+  std::sort(frames.begin(), frames.end());
+  frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+  return frames;
+}
+
+void CountTracks(const ConfidenceInput& input, const FrameCuts& cuts,
+                 CutEvidence* evidence) {
+  FrameCuts::Sums tracks(cuts), ties(cuts);
+  for (const Point3D& point : input.reconstruction.points) {
+    const std::vector<int> frames = FramesOf(input.scene, point);
+    tracks.AddGroup(frames, 1.0);
+    ties.AddTies(frames, 1.0);
+  }
+  evidence->num_tracks = tracks.Finish();
+  evidence->num_ties = ties.Finish();
+}
+
+// The points of a frame that another side of a cut observes `num_frames` times.
+int NumPointsOf(const ConfidenceInput& input, int frame_idx,
+                const std::vector<int>& other_side, int num_frames) {
+  int number = 0;
+  for (const Point3D& point : input.reconstruction.points) {
+    const std::vector<int> frames = FramesOf(input.scene, point);
+    if (!std::binary_search(frames.begin(), frames.end(), frame_idx)) continue;
+    const auto num_other =
+        std::count_if(frames.begin(), frames.end(), [&](int frame) {
+          return std::binary_search(other_side.begin(), other_side.end(),
+                                    frame);
+        });
+    if (num_other >= num_frames) ++number;
+  }
+  return number;
+}
+
+// The cuts that fewer than `min_num_ties` points tie. No point has two frames
+// of a side of one frame, nor of a side that only a weaker cut makes larger:
+// there, the points that two frames of the other side observe are the ties.
+Mask FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
+                 int min_num_ties, CutEvidence* evidence) {
+  std::vector<double>& num_ties = evidence->num_ties;
+  std::vector<size_t> few;
+  std::vector<int> num_edges(cuts.num_frames(), 0);
+  for (size_t k = 0; k < num_ties.size(); ++k) {
+    if (num_ties[k] < min_num_ties) few.push_back(k);
+    ++num_edges[cuts.cuts()[k].frame_below];
+    ++num_edges[cuts.cuts()[k].frame_above];
+  }
+  std::stable_sort(few.begin(), few.end(), [&](size_t a, size_t b) {
+    return std::pair(num_ties[a], evidence->num_confirmed[a]) <
+           std::pair(num_ties[b], evidence->num_confirmed[b]);
+  });
+  Mask has_few(num_ties.size(), false);
+  for (const size_t k : few) {
+    const auto& [below, above] = cuts.cuts()[k];
+    if (num_edges[below] == 1 || num_edges[above] == 1) {
+      const bool is_below = num_edges[below] == 1;
+      const int num_required = num_edges[is_below ? above : below] > 1 ? 2 : 1;
+      num_ties[k] = NumPointsOf(input, is_below ? below : above,
+                                cuts.FramesOfSide(k, !is_below), num_required);
+      if (num_ties[k] >= min_num_ties) continue;
+    }
+    has_few[k] = true;
+    --num_edges[below];
+    --num_edges[above];
+  }
+  return has_few;
+}
+
+// Sums amount_of(pair_idx) over the pairs of a list that cross each cut.
+template <class PairIdxs, class Amount>
+std::vector<double> SumPairs(const FramePairIndex& index, const FrameCuts& cuts,
+                             const PairIdxs& pair_idxs,
+                             const Amount& amount_of) {
+  FrameCuts::Sums sums(cuts);
+  for (const size_t i : pair_idxs) {
+    const FramePair& frames = index.Of(i);
+    sums.Add(frames.frame_idx1, frames.frame_idx2, amount_of(i));
+  }
+  return sums.Finish();
+}
+
+// The smallest distance by which the second image of a pair must move to agree
+// with the pair, whose baseline has a direction only.
+std::optional<double> DistanceToPair(const ConfidenceInput& input,
+                                     const ImagePair& pair) {
+  const auto cam1 =
+      input.reconstruction.CamFromWorld(input.scene, pair.image_idx1);
+  const auto cam2 =
+      input.reconstruction.CamFromWorld(input.scene, pair.image_idx2);
+  if (!cam1 || !cam2 || !pair.relative_pose) return std::nullopt;
+  const Eigen::Vector3d actual = (*cam2 * cam1->Inverse()).translation;
+  const Eigen::Vector3d direction =
+      pair.relative_pose->translation_direction.value_or(
+          Eigen::Vector3d::Zero());
+  return (actual - std::max(0.0, actual.dot(direction)) * direction).norm();
+}
+
+double DistanceToGroup(const ConfidenceInput& input,
+                       const RejectedGroup& group) {
+  std::vector<double> distances;
+  for (const size_t i : group.pair_idxs) {
+    const auto distance = DistanceToPair(input, input.view_graph.pairs[i]);
+    if (distance) distances.push_back(*distance);
+  }
+  return distances.empty() ? 0.0 : Median(std::move(distances));
+}
+
+// Per cut: the longest error that the step between the frames next to it hides:
+// twice the length of fast steps of the sequence, if the rig moves backwards
+// instead of forwards. Infinite if the frames are not of one sequence.
+std::vector<double> ErrorsHiddenByCuts(const ConfidenceInput& input,
+                                       const FrameCuts& cuts) {
+  const auto& poses = input.reconstruction.rig_from_world;
+  std::vector<double> lengths;
+  for (const FramePair& frames : input.index.frame_pairs()) {
+    const auto& pose1 = poses[frames.frame_idx1];
+    const auto& pose2 = poses[frames.frame_idx2];
+    if (frames.time_gap != 1 || !pose1 || !pose2) continue;
+    lengths.push_back((pose2->Center() - pose1->Center()).norm());
+  }
+  std::vector<double> hidden(cuts.cuts().size(),
+                             std::numeric_limits<double>::infinity());
+  if (lengths.empty()) return hidden;
+  const double fast_step = Quantile(std::move(lengths), kFastSteps);
+  for (size_t k = 0; k < hidden.size(); ++k) {
+    const auto& [below, above] = cuts.cuts()[k];
+    const FramePair* frames = input.index.Find(below, above);
+    if (frames != nullptr && frames->time_gap) {
+      hidden[k] = 2.0 * fast_step * *frames->time_gap;
+    }
+  }
+  return hidden;
+}
+
+// The matches of the largest group against each cut. A loop of pairs that
+// contradicts the model does not tell which of the cuts that it closes is
+// wrong; the weakest of those that can hide its error is doubtful. `strengths`
+// per cut.
+std::vector<double> MostAgainst(const ConfidenceInput& input,
+                                const FrameCuts& cuts,
+                                const std::vector<int>& num_confirmed,
+                                const std::vector<double>& strengths) {
+  std::vector<double> most(cuts.cuts().size(), 0.0);
+  const std::vector<double> hidden = ErrorsHiddenByCuts(input, cuts);
+  for (const RejectedGroup& group : input.rejected_groups) {
+    const double distance = DistanceToGroup(input, group);
+    const std::vector<double> of_group =
+        SumPairs(input.index, cuts, group.pair_idxs, [&](size_t i) {
+          const auto num_matches =
+              static_cast<double>(input.view_graph.pairs[i].matches.size());
+          return input.pair_is_used[i] ? 0.0 : num_matches - num_confirmed[i];
+        });
+    std::optional<size_t> weakest;
+    for (size_t k = 0; k < most.size(); ++k) {
+      if (of_group[k] > 0.0 && distance <= hidden[k] &&
+          (!weakest || strengths[k] < strengths[*weakest])) {
+        weakest = k;
+      }
+    }
+    if (weakest) most[*weakest] = std::max(most[*weakest], of_group[*weakest]);
+  }
+  return most;
+}
+
+CutEvidence CollectEvidence(const ConfidenceInput& input, const FrameCuts& cuts,
+                            const std::vector<int>& num_confirmed) {
+  std::vector<size_t> used;
+  for (size_t i = 0; i < input.pair_is_used.size(); ++i) {
+    if (input.pair_is_used[i]) used.push_back(i);
+  }
+  CutEvidence evidence;
+  CountTracks(input, cuts, &evidence);
+  evidence.num_pairs =
+      SumPairs(input.index, cuts, used, [](size_t) { return 1.0; });
+  evidence.num_confirmed = SumPairs(input.index, cuts, used, [&](size_t i) {
+    return static_cast<double>(num_confirmed[i]);
+  });
+  evidence.num_against =
+      MostAgainst(input, cuts, num_confirmed, evidence.num_confirmed);
+  FrameCuts::Sums confirmed(cuts);
+  for (const auto& [frame1, frame2] : input.confirmed) {
+    confirmed.Add(frame1, frame2, 1.0);
+  }
+  const std::vector<double> num_of_motions = confirmed.Finish();
+  evidence.motion_is_known = Mask(num_of_motions.size(), false);
+  for (size_t k = 0; k < num_of_motions.size(); ++k) {
+    evidence.motion_is_known[k] = num_of_motions[k] > 0.0;
+  }
+  return evidence;
+}
+
+// The weakest cut of each jump.
+Mask FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
+               const CutEvidence& evidence) {
+  Mask is_jump(cuts.cuts().size(), false);
+  for (const auto& [frame1, frame2] : input.jumps) {
+    const auto cut =
+        cuts.SmallestBetween(frame1, frame2, evidence.num_confirmed);
+    if (cut) is_jump[*cut] = true;
+  }
+  return is_jump;
+}
+
+std::optional<SeamReason> ReasonOf(const CutEvidence& evidence, size_t cut_idx,
+                                   const ConfidenceOptions& options) {
+  if (evidence.is_jump[cut_idx]) return SeamReason::kJump;
+  if (evidence.has_few_ties[cut_idx]) return SeamReason::kFewTies;
+  if (evidence.ShareAgainst(cut_idx) > options.max_share_against) {
+    return SeamReason::kContradicted;
+  }
+  return std::nullopt;
+}
+
+Seam MakeSeam(const FrameCuts& cuts, const CutEvidence& evidence,
+              size_t cut_idx, SeamReason reason) {
+  const FrameCuts::Cut& cut = cuts.cuts()[cut_idx];
+  const bool core_is_above = cuts.CoreIsAbove(cut_idx);
+  Seam seam;
+  seam.reason = reason;
+  seam.frame_idx_beyond = core_is_above ? cut.frame_below : cut.frame_above;
+  seam.frame_idx_core = core_is_above ? cut.frame_above : cut.frame_below;
+  seam.frame_idxs_beyond = cuts.FramesOfSide(cut_idx, core_is_above);
+  seam.num_pairs = static_cast<int>(evidence.num_pairs[cut_idx]);
+  seam.num_tracks = static_cast<int>(evidence.num_tracks[cut_idx]);
+  seam.num_ties = static_cast<int>(evidence.num_ties[cut_idx]);
+  seam.num_confirmed = static_cast<int>(evidence.num_confirmed[cut_idx]);
+  seam.num_against = static_cast<int>(evidence.num_against[cut_idx]);
+  return seam;
+}
+
+}  // namespace
+
+Confidence EstimateConfidence(const ConfidenceInput& input,
+                              const ConfidenceOptions& options) {
+  MGSFM_CHECK_EQ(input.index.num_pairs(), input.view_graph.pairs.size());
+  MGSFM_CHECK_EQ(input.pair_is_used.size(), input.view_graph.pairs.size());
+  const std::vector<int> num_confirmed = CountConfirmed(input);
+  const FrameCuts cuts = FindCuts(input, num_confirmed);
+  CutEvidence evidence = CollectEvidence(input, cuts, num_confirmed);
+  evidence.has_few_ties =
+      FindFewTies(input, cuts, std::max(1, options.min_num_ties), &evidence);
+  evidence.is_jump = FindJumps(input, cuts, evidence);
+  std::vector<double> confidences;
+  std::vector<std::pair<double, Seam>> seams;
+  for (size_t k = 0; k < cuts.cuts().size(); ++k) {
+    confidences.push_back(evidence.ConfidenceOf(k));
+    if (const auto reason = ReasonOf(evidence, k, options)) {
+      seams.emplace_back(confidences.back(),
+                         MakeSeam(cuts, evidence, k, *reason));
+    }
+  }
+  std::stable_sort(
+      seams.begin(), seams.end(),
+      [](const auto& a, const auto& b) { return a.first < b.first; });
+  Confidence result;
+  for (auto& [confidence, seam] : seams)
+    result.seams.push_back(std::move(seam));
+  const std::vector<double> of_frame = cuts.SmallestToCore(confidences);
+  for (size_t i = 0; i < input.scene.frames.size(); ++i) {
+    const bool is_registered =
+        input.reconstruction.rig_from_world[i].has_value();
+    result.of_frame.push_back(is_registered ? std::optional(of_frame[i])
+                                            : std::nullopt);
+  }
+  return result;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "rig_solver/pose_covariances.h"
+#include "rig_solver/rig_problem.h"
+#include "soft_rig/soft_rig_problem.h"
+
+namespace mgsfm {
+
+// The updates of the hyperparameters in soft_rig.h from the deviations of
+// images.
+
+struct ImageDeviation {
+  int image_idx = 0;
+  int sensor_idx = 0;
+  PoseVector value = PoseVector::Zero();
+};
+
+// The deviations of the images of a frame (at least two) and their joint
+// posterior covariance: 6 rows and columns per image.
+struct FrameDeviations {
+  std::vector<ImageDeviation> images;
+  Eigen::MatrixXd covariance;
+};
+
+// The mean of tr C_i / 3 over images: 0 if the images determine nothing about
+// the deviations, 1 if they determine them completely.
+struct ObservedFraction {
+  double rotation = 0.0;
+  double position = 0.0;
+};
+
+// One step of Fisher scoring for the standard deviations of all sensors.
+// Sensors with fewer than 10 images share the estimate of their rig.
+std::vector<DeviationSigma> UpdateSigmas(
+    const std::vector<FrameDeviations>& frames,
+    const std::vector<int>& rig_of_sensor,
+    const std::vector<DeviationSigma>& sigmas,
+    std::vector<ObservedFraction>* fractions);
+
+// The prior variances of a deviation.
+PoseVector PriorVariances(const DeviationSigma& sigma);
+
+// The derivative of the expected pose of an image with respect to a change of
+// its sensor: pose (6 coordinates), then time offset (1).
+using SensorJacobian = Eigen::Matrix<double, 6, 7>;
+
+// The normal equations of the extrinsics and time offsets of a rig. Unknowns: 7
+// per sensor, in the order of the sensors of the rig ("slots").
+class CalibrationEquations {
+ public:
+  explicit CalibrationEquations(int num_sensors);
+
+  // Adds the deviations of a frame as measurements. Per image: the slot of its
+  // sensor, its prior variances, and the derivative of its expected pose.
+  void AddFrame(const FrameDeviations& frame, const std::vector<int>& slots,
+                const std::vector<PoseVector>& prior_variances,
+                const std::vector<SensorJacobian>& jacobians);
+  // Adds a prior on the change of a pose.
+  void AddPrior(int slot, const PoseVector& change,
+                const PoseVector& variances);
+
+  // Both treat coordinates with a mask of 0 as fixed and return 0 for them.
+  Eigen::VectorXd Solve(const Eigen::VectorXd& mask) const;
+  Eigen::VectorXd Variances(const Eigen::VectorXd& mask) const;
+
+ private:
+  Eigen::MatrixXd Masked(const Eigen::VectorXd& mask) const;
+
+  Eigen::MatrixXd matrix_;
+  Eigen::VectorXd vector_;
+};
+
+}  // namespace mgsfm

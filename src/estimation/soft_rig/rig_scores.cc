@@ -1,0 +1,475 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "soft_rig/rig_scores.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.h"
+#include "bundle_adjustment/point_filters.h"
+#include "bundle_adjustment/problem_builder.h"
+#include "bundle_adjustment/solve.h"
+#include "geometry/so3.h"
+#include "rig_solver/image_poses.h"
+#include "rig_solver/residuals.h"
+#include "rig_solver/rig_equations.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+constexpr int kColumns = RigScores::kNumColumns;
+// Relative to the diagonal: far below any observable curvature.
+constexpr double kDamping = 1e-12;
+// Points are summed in so many parts, whatever the number of threads.
+constexpr size_t kNumParts = 16;
+
+// The derivatives of one observation, weighted by the loss.
+struct Linearized {
+  int frame = 0;
+  int first_column = -1;  // of its sensor
+  double weight = 0.0;    // rho'
+  Vector2d residual;
+  Eigen::Matrix<double, 2, 3> point;
+  Eigen::Matrix<double, 2, 6> of_frame;
+  Eigen::Matrix<double, 2, kColumns> of_sensor;
+  int focal_column = -1;  // of its camera
+  Vector2d of_focal;
+};
+
+struct ScoreColumns {
+  std::vector<int> of_sensor, of_camera;  // the first one; -1: none
+  std::vector<PoseMask> masks;            // per sensor that has columns
+  int count = 0;
+};
+
+// Sums over the points of a part.
+struct Sums {
+  MatrixXd rhs, scores, noise, noise_of_points;
+  std::vector<MatrixXd> information;  // per block
+  double weight = 0.0, squared_weight = 0.0;
+};
+
+Vector2d PrincipalPoint(const Camera& camera) {
+  const auto& idxs =
+      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  return {camera.params[idxs[0]], camera.params[idxs[1]]};
+}
+
+class ScoreBuilder {
+ public:
+  ScoreBuilder(const Scene& scene, const DelayedRig& rig,
+               const SoftRigProblem& soft, const ScoreColumns& columns,
+               const Context& context)
+      : scene_(scene),
+        rig_(rig),
+        soft_(soft),
+        built_(soft.built),
+        columns_(columns),
+        context_(context),
+        equations_(soft.built.problem, {}, context),
+        num_columns_(columns.count) {
+    ComputeImagePoses(built_.problem, built_.state, &poses_);
+  }
+
+  bool Build(RigScores* result);
+
+ private:
+  bool Linearize(size_t observation, const Vector3d& point,
+                 const RobustLoss& loss, Linearized* result) const;
+  std::vector<Linearized> LinearizePoint(size_t point) const;
+  // Calls add(observations, derivatives with respect to the columns, of which
+  // the point absorbs a part) for each point, and merges the sums.
+  template <class Add>
+  Sums Sum(const Sums& zero, const Add& add) const;
+  void AddRhs(const std::vector<Linearized>& observations, Sums* sums) const;
+  void AddScores(const std::vector<Linearized>& observations, Sums* sums) const;
+  int FirstRow(int block) const {
+    return equations_.structure().block_first[block];
+  }
+
+  const Scene& scene_;
+  const DelayedRig& rig_;
+  const SoftRigProblem& soft_;
+  const BuiltProblem& built_;
+  const ScoreColumns& columns_;
+  const Context& context_;
+  RigEquations<PixelResidual> equations_;
+  const int num_columns_;
+  std::vector<ImagePose> poses_;
+  MatrixXd solution_;  // of the frames
+};
+
+bool ScoreBuilder::Linearize(size_t observation, const Vector3d& point,
+                             const RobustLoss& loss, Linearized* result) const {
+  const BundleProblem& problem = built_.problem;
+  const PixelObservation& o = problem.observations[observation];
+  const RigProblemBase::Image& image = problem.images[o.image];
+  const ImagePose& pose = poses_[o.image];
+  const Eigen::Map<const RowMajor3> R(pose.cam_from_world);
+  const Eigen::Map<const RowMajor3> S(pose.sensor_from_rig);
+  const Vector3d y = R * (point - Eigen::Map<const Vector3d>(pose.center));
+  const Vector3d x = y + Eigen::Map<const Vector3d>(pose.translation);
+  double P[6];
+  if (!PixelResidual::Linearize(pose, x.data(), o.pixel.data(),
+                                result->residual.data(), P, nullptr)) {
+    return false;
+  }
+  result->weight = LossWeight(loss, result->residual.squaredNorm());
+  const double root = std::sqrt(result->weight);
+  const Eigen::Matrix<double, 2, 3> J =
+      root * Eigen::Map<const Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>(P);
+  result->residual *= root;
+  result->frame = image.frame;
+  result->point = J * R;
+  Eigen::Matrix<double, 2, 6> of_frame;
+  of_frame << -J * CrossMatrix(y) * S, -J * R;
+  result->of_frame = of_frame * problem.frame_masks[image.frame].asDiagonal();
+  const Image& scene_image = scene_.images[soft_.image_idxs[o.image]];
+  const int sensor_idx = scene_image.sensor_idx;
+  result->focal_column = columns_.of_camera[scene_image.camera_idx];
+  if (result->focal_column >= 0) {
+    const Camera& camera = rig_.model.separate.cameras[scene_image.camera_idx];
+    result->of_focal =
+        result->residual +
+        root * (Vector2d(o.pixel[0], o.pixel[1]) - PrincipalPoint(camera));
+  }
+  result->first_column = columns_.of_sensor[sensor_idx];
+  if (result->first_column < 0) return true;
+  const PoseMask& mask = columns_.masks[result->first_column / kColumns];
+  const Rigid3& sensor = *rig_.model.rig.sensor_from_rig[sensor_idx];
+  const PoseVector& motion = rig_.motions[built_.frame_idxs[image.frame]];
+  const Vector3d z = x - sensor.translation;
+  Eigen::Matrix<double, 2, 6> of_pose;
+  of_pose << -J * CrossMatrix(z), J;
+  result->of_sensor << of_pose * mask.asDiagonal(),
+      J * ((sensor.rotation * motion.head<3>()).cross(z) -
+           R * motion.tail<3>());
+  return true;
+}
+
+std::vector<Linearized> ScoreBuilder::LinearizePoint(size_t point) const {
+  const BundleProblem& problem = built_.problem;
+  const size_t begin = problem.point_begin[point];
+  const size_t end = problem.point_begin[point + 1];
+  const RobustLoss loss = problem.LossOfPoint(end - begin);
+  std::vector<Linearized> observations;
+  observations.reserve(end - begin);
+  for (size_t o = begin; o < end; ++o) {
+    Linearized linearized;
+    if (Linearize(o, built_.state.points[point], loss, &linearized)) {
+      observations.push_back(std::move(linearized));
+    }
+  }
+  return observations;
+}
+
+template <class Add>
+Sums ScoreBuilder::Sum(const Sums& zero, const Add& add) const {
+  std::vector<Sums> parts(kNumParts, zero);
+  const size_t num_points = built_.problem.num_points();
+  ParallelFor(
+      kNumParts, context_.num_threads,
+      [&](size_t part) {
+        const size_t end = num_points * (part + 1) / kNumParts;
+        for (size_t p = num_points * part / kNumParts; p < end; ++p) {
+          add(LinearizePoint(p), &parts[part]);
+        }
+      },
+      1);
+  for (size_t part = 1; part < kNumParts; ++part) {
+    parts[0].rhs += parts[part].rhs;
+    for (size_t b = 0; b < zero.information.size(); ++b) {
+      parts[0].information[b] += parts[part].information[b];
+    }
+    parts[0].scores += parts[part].scores;
+    parts[0].noise += parts[part].noise;
+    parts[0].noise_of_points += parts[part].noise_of_points;
+    parts[0].weight += parts[part].weight;
+    parts[0].squared_weight += parts[part].squared_weight;
+  }
+  return std::move(parts[0]);
+}
+
+// The derivatives and, in the last column, the residual.
+void SetColumns(const Linearized& o, Eigen::Ref<MatrixXd> rows) {
+  rows.rightCols<1>() = o.residual;
+  if (o.first_column >= 0) {
+    rows.middleCols<kColumns>(o.first_column) = o.of_sensor;
+  }
+  if (o.focal_column >= 0) rows.col(o.focal_column) = o.of_focal;
+}
+
+// What of the derivatives `e` of the observations of a point, 2 rows each, its
+// own motion does not absorb.
+void RemovePoint(const std::vector<Linearized>& observations, MatrixXd* e) {
+  Matrix3d V = Matrix3d::Zero();
+  MatrixXd shift = MatrixXd::Zero(3, e->cols());
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const auto& P = observations[i].point;
+    V += P.transpose() * P;
+    shift += P.transpose() * e->middleRows<2>(2 * i);
+  }
+  V.diagonal() *= 1.0 + kDamping;
+  shift = V.ldlt().solve(shift).eval();
+  for (size_t i = 0; i < observations.size(); ++i) {
+    e->middleRows<2>(2 * i) -= observations[i].point * shift;
+  }
+}
+
+void ScoreBuilder::AddRhs(const std::vector<Linearized>& observations,
+                          Sums* sums) const {
+  const auto size = static_cast<Eigen::Index>(2 * observations.size());
+  MatrixXd e = MatrixXd::Zero(size, num_columns_ + 1);
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    SetColumns(o, e.middleRows<2>(2 * i));
+  }
+  RemovePoint(observations, &e);
+  const RigStructure& s = equations_.structure();
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    const auto rows = e.middleRows<2>(2 * i);
+    if (const int block = s.frame_block[o.frame]; block != kNoBlock) {
+      sums->rhs.middleRows(FirstRow(block), s.pose_size) +=
+          o.of_frame.rightCols(s.pose_size).transpose() * rows;
+    }
+  }
+}
+
+void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
+                             Sums* sums) const {
+  const auto size = static_cast<Eigen::Index>(2 * observations.size());
+  const RigStructure& s = equations_.structure();
+  MatrixXd e = MatrixXd::Zero(size, num_columns_ + 1);
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    auto rows = e.middleRows<2>(2 * i);
+    SetColumns(o, rows);
+    if (const int block = s.frame_block[o.frame]; block != kNoBlock) {
+      rows -= o.of_frame.rightCols(s.pose_size) *
+              solution_.middleRows(FirstRow(block), s.pose_size);
+    }
+  }
+  RemovePoint(observations, &e);
+  const auto columns = e.leftCols(num_columns_);
+  VectorXd of_point = VectorXd::Zero(num_columns_);
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    const int block = rig_.block_of_frame[built_.frame_idxs[o.frame]];
+    const auto rows = columns.middleRows<2>(2 * i);
+    const VectorXd score =
+        rows.transpose() * e.block<2, 1>(2 * i, num_columns_);
+    sums->information[block].selfadjointView<Eigen::Lower>().rankUpdate(
+        rows.transpose());
+    sums->scores.col(block) += score;
+    of_point += score;
+    sums->noise.selfadjointView<Eigen::Lower>().rankUpdate(score);
+    sums->weight += o.weight;
+    // The derivative of the loss of Cauchy, averaged over both directions.
+    sums->squared_weight += o.weight * o.weight;
+  }
+  sums->noise_of_points.selfadjointView<Eigen::Lower>().rankUpdate(of_point);
+}
+
+bool ScoreBuilder::Build(RigScores* result) {
+  const RigStructure& s = equations_.structure();
+  if (s.is_iterative || s.num_unknowns == 0) return false;
+  equations_.SetState(built_.state);
+  if (!equations_.Linearize(kDamping) || !equations_.Factorize()) return false;
+  const MatrixXd square = MatrixXd::Zero(num_columns_, num_columns_);
+  const int num_blocks = 1 + *std::max_element(rig_.block_of_frame.begin(),
+                                               rig_.block_of_frame.end());
+  const Sums zero{MatrixXd::Zero(s.num_unknowns, num_columns_ + 1),
+                  MatrixXd::Zero(num_columns_, num_blocks), square, square,
+                  std::vector<MatrixXd>(num_blocks, square)};
+  solution_ = Sum(zero, [&](const auto& observations, Sums* sums) {
+                AddRhs(observations, sums);
+              }).rhs;
+  equations_.SolveColumns(solution_, &solution_);
+  const Sums sums = Sum(zero, [&](const auto& observations, Sums* sums) {
+    AddScores(observations, sums);
+  });
+  result->information = square;
+  for (const MatrixXd& information : sums.information) {
+    result->block_information.emplace_back(
+        information.selfadjointView<Eigen::Lower>());
+    result->information += result->block_information.back();
+  }
+  result->noise = sums.noise.selfadjointView<Eigen::Lower>();
+  result->noise_of_points =
+      sums.noise_of_points.selfadjointView<Eigen::Lower>();
+  result->scores = sums.scores;
+  result->efficiency = sums.squared_weight / sums.weight;
+  result->frame_idxs = built_.frame_idxs;
+  for (size_t f = 0; f < built_.frame_idxs.size(); ++f) {
+    Eigen::Matrix<double, 6, Eigen::Dynamic> response =
+        Eigen::Matrix<double, 6, Eigen::Dynamic>::Zero(6, num_columns_ + 1);
+    if (const int block = s.frame_block[f]; block != kNoBlock) {
+      response.bottomRows(s.pose_size) =
+          -solution_.middleRows(FirstRow(block), s.pose_size);
+    }
+    result->frame_response.push_back(std::move(response));
+  }
+  return true;
+}
+
+// Known poses have errors, which would pass for delays: v t is a translation.
+BundleAdjustmentOptions RefiningKnownPoses(BundleAdjustmentOptions options) {
+  options.refine_sensor_from_rig = RefineMode::kYes;
+  return options;
+}
+
+ScoreColumns NumberColumns(const Scene& scene, const SoftRigProblem& soft,
+                           RigGauge gauge,
+                           const BundleAdjustmentOptions& options,
+                           RigScores* result) {
+  ScoreColumns columns{std::vector<int>(scene.sensors.size(), -1),
+                       std::vector<int>(scene.cameras.size(), -1),
+                       {},
+                       0};
+  std::vector<bool> is_seen(scene.sensors.size(), false);
+  std::vector<bool> has_focal_length(scene.cameras.size(), false);
+  for (const int i : soft.image_idxs) {
+    const Image& image = scene.images[i];
+    const CameraModelInfo& model = *FindCameraModel(
+        static_cast<int32_t>(scene.cameras[image.camera_idx].model));
+    is_seen[image.sensor_idx] = true;
+    has_focal_length[image.camera_idx] = !model.focal_length_idxs.empty();
+  }
+  for (size_t k = 0; k < is_seen.size(); ++k) {
+    const int sensor_idx = static_cast<int>(k);
+    if (!is_seen[k] || scene.IsReference(sensor_idx)) continue;
+    columns.of_sensor[k] = columns.count;
+    columns.count += kColumns;
+    columns.masks.push_back(gauge == RigGauge::kKnownPoses
+                                ? RefineSensor(scene, sensor_idx, options).mask
+                                : PoseMask::Ones());
+    result->sensor_idxs.push_back(sensor_idx);
+  }
+  if (gauge == RigGauge::kKnownPoses) return columns;
+  for (size_t c = 0; c < has_focal_length.size(); ++c) {
+    if (!has_focal_length[c]) continue;
+    columns.of_camera[c] = columns.count++;
+    result->camera_idxs.push_back(static_cast<int>(c));
+  }
+  return columns;
+}
+
+void FixGaugeOfFrames(const Scene& scene, const std::vector<int>& sensor_idxs,
+                      RigGauge gauge, SoftRigProblem* soft) {
+  BundleProblem& problem = soft->built.problem;
+  const bool is_known =
+      std::any_of(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
+        return scene.sensors[sensor_idx].sensor_from_rig.has_value();
+      });
+  if (!is_known && gauge == RigGauge::kKnownPoses) return;
+  std::fill(problem.frame_masks.begin(), problem.frame_masks.end(),
+            PoseMask::Ones());
+  if (gauge == RigGauge::kKnownPoses) {
+    FixGauge(soft->built.state, &problem);
+  } else {
+    FixGaugeAndScale(soft->built.state, &problem);
+  }
+}
+
+}  // namespace
+
+Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx) {
+  const Image& image = scene.images[image_idx];
+  const Rigid3& frame = *rig.model.rig.rig_from_world[image.frame_idx];
+  const PoseVector change =
+      rig.delays[image.sensor_idx] * rig.motions[image.frame_idx];
+  return *rig.model.rig.sensor_from_rig[image.sensor_idx] *
+         Rigid3::FromRotationAndCenter(
+             ExpSO3(change.head<3>()) * frame.rotation,
+             frame.Center() + change.tail<3>()) *
+         frame.Inverse();
+}
+
+KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
+                              const Reconstruction& model,
+                              const BundleAdjustmentOptions& options) {
+  const BundleAdjustmentOptions adjusted = RefiningKnownPoses(options);
+  const VectorXd zero = VectorXd::Zero(scores.scores.rows());
+  KnownColumns known{zero, zero};
+  for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
+    const int sensor_idx = scores.sensor_idxs[k];
+    const RefinedSensor refined = RefineSensor(scene, sensor_idx, adjusted);
+    if (!refined.prior) continue;
+    PoseVector information;
+    information << Vector3d::Constant(1.0 / refined.prior->sigma_rad),
+        Vector3d::Constant(1.0 / refined.prior->sigma_length);
+    const auto first = static_cast<Eigen::Index>(kColumns * k);
+    known.information.segment<6>(first) =
+        (scores.sigma_px * information).cwiseAbs2().cwiseProduct(refined.mask);
+    known.deviation.segment<6>(first) = DeviationOf(
+        *model.sensor_from_rig[sensor_idx], refined.prior->sensor_from_rig);
+  }
+  for (size_t c = 0; c < scores.camera_idxs.size(); ++c) {
+    const Camera& camera = scene.cameras[scores.camera_idxs[c]];
+    const int focal = FindCameraModel(static_cast<int32_t>(camera.model))
+                          ->focal_length_idxs.front();
+    const double sigma = camera.has_prior_focal_length
+                             ? options.focal_length_prior_sigma
+                             : options.focal_length_start_sigma;
+    const auto column =
+        static_cast<Eigen::Index>(kColumns * scores.sensor_idxs.size() + c);
+    known.information[column] = std::pow(scores.sigma_px / sigma, 2);
+    known.deviation[column] =
+        std::log(model.cameras[scores.camera_idxs[c]].params[focal] /
+                 camera.params[focal]);
+  }
+  return known;
+}
+
+std::optional<RigScores> ComputeRigScores(
+    const Scene& scene, const Scene& separate, const DelayedRig& rig,
+    const BundleAdjustmentOptions& options, const Context& context,
+    RigGauge gauge) {
+  BundleAdjustmentOptions adjusted = RefiningKnownPoses(options);
+  const double sigma_px =
+      std::max(kMinKeypointSigmaPx,
+               NoiseSigmaPx(separate, rig.model.separate, context.num_threads));
+  adjusted.loss_scale_px = LossScalePx(options, sigma_px);
+  adjusted.refine_focal_length = RefineMode::kNo;
+  adjusted.refine_principal_point = RefineMode::kNo;
+  adjusted.refine_extra_params = RefineMode::kNo;
+  std::vector<std::optional<Rigid3>> poses(scene.images.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (!rig.model.separate.rig_from_world[i]) continue;
+    poses[i] = DelayedPose(scene, rig, static_cast<int>(i));
+  }
+  SoftRigProblem soft = BuildSoftRigProblem(
+      scene, separate, rig.model,
+      {poses, std::vector<DeviationSigma>(scene.sensors.size())}, adjusted, {});
+  BundleProblem& problem = soft.built.problem;
+  problem.sensor_priors.clear();
+  std::fill(problem.sensor_masks.begin(), problem.sensor_masks.end(),
+            PoseMask::Zero());
+  const bool has_priors = gauge == RigGauge::kKnownPoses;
+  RigScores result;
+  const ScoreColumns columns =
+      NumberColumns(scene, soft, gauge, adjusted, &result);
+  if (columns.masks.empty()) return std::nullopt;
+  FixGaugeOfFrames(scene, result.sensor_idxs, gauge, &soft);
+  ScoreBuilder builder(scene, rig, soft, columns, context);
+  if (!builder.Build(&result)) return std::nullopt;
+  result.sigma_px = sigma_px;
+  result.scores_of_priors = VectorXd::Zero(result.scores.rows());
+  if (has_priors) {
+    const KnownColumns known =
+        FindKnownColumns(scene, result, rig.model.rig, adjusted);
+    result.information.diagonal() += known.information;
+    result.scores_of_priors = known.information.cwiseProduct(known.deviation);
+  }
+  return result;
+}
+
+}  // namespace mgsfm

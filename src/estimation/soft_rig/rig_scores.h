@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "soft_rig/soft_rig_problem.h"
+
+namespace mgsfm {
+
+// What the residuals of an adjusted model say about changes of its rig.
+//
+// Columns: seven per sensor that is not the reference of its rig: the six
+// coordinates of its pose (rig_problem.h), and its delay. A delay moves the
+// image in frame f like a change `motions[f]` of the frame: the motion of the
+// rig per unit of time. With RigGauge::kFixedScale, the logarithms of the focal
+// lengths of cameras follow. Let e_k be the derivatives of the weighted
+// residuals r with respect to column k, freed of what frames and points can
+// absorb. Then
+//
+//   information  M_kl = e_k . e_l         scores  s_kb = sum over block b of
+//   e_k . r
+//
+// so that x = -M^-1 sum_b s_b / efficiency is the change of all columns by a
+// step of least squares. The scores of consecutive frames (blocks) vary as the
+// residuals do, correlated or not.
+struct RigScores {
+  static constexpr int kNumColumns = 7;  // per sensor
+  std::vector<int> sensor_idxs;
+  std::vector<int> camera_idxs;
+  std::vector<int> frame_idxs;
+  Eigen::MatrixXd information;  // with that of priors
+  std::vector<Eigen::MatrixXd> block_information;
+  Eigen::MatrixXd scores;  // columns x blocks
+  Eigen::VectorXd scores_of_priors;
+  // The sum over observations of what s_b s_b^T is for a block: the covariance
+  // of the scores if observations are independent.
+  Eigen::MatrixXd noise;
+  // The same with the scores of a point summed first: its observations may err
+  // alike, as those of a rig that stands do.
+  Eigen::MatrixXd noise_of_points;
+  // Per frame, the change of its pose in a step of least squares: the last
+  // column, minus the others times the changes of the columns above.
+  std::vector<Eigen::Matrix<double, 6, Eigen::Dynamic>> frame_response;
+  // The mean derivative of the weighted residual, relative to its weight: a
+  // robust loss moves less than its weights say.
+  double efficiency = 1.0;
+  double sigma_px = 0.0;  // noise of the keypoints
+};
+
+// What known poses of sensors determine.
+enum class RigGauge {
+  kKnownPoses,  // the scale, and with their priors the poses of sensors
+  kFixedScale,  // nothing: sensors and focal lengths are free, scale is fixed
+};
+
+// An adjusted model whose cameras trigger late: the image of sensor s in frame
+// f has the pose S_s D G_f, where D changes the frame by delays[s] *
+// motions[f].
+struct DelayedRig {
+  SoftRigModel model;               // the separate poses include the delays
+  std::vector<PoseVector> motions;  // per frame; see RigTrajectory::VelocityAt
+  std::vector<int> block_of_frame;
+  std::vector<double> delays;  // per sensor
+};
+
+// The pose of an image in the rig: S_s D.
+Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx);
+
+// What is known of the columns, without errors of other columns.
+struct KnownColumns {
+  Eigen::VectorXd information;  // the diagonal, in units of the keypoint noise
+  Eigen::VectorXd deviation;    // of the model from what is known
+};
+KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
+                              const Reconstruction& model,
+                              const BundleAdjustmentOptions& options);
+
+// nullopt if no sensor but the references sees points, or if the equations
+// cannot be factorised. Masked coordinates of poses have neither information
+// nor scores. Cost: two passes over the observations, a factorisation, and
+// seven solves per sensor.
+[[nodiscard]] std::optional<RigScores> ComputeRigScores(
+    const Scene& scene, const Scene& separate, const DelayedRig& rig,
+    const BundleAdjustmentOptions& options, const Context& context,
+    RigGauge gauge = RigGauge::kKnownPoses);
+
+}  // namespace mgsfm

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/base/solver.h"
+#include "translation_averaging/baseline_directions.h"
+#include "translation_averaging/position_problem.h"
+#include "translation_averaging/scale_averaging.h"
+
+namespace mgsfm {
+
+// Convex L1 estimate of all positions. With C_p the baseline c_j - c_i of pair
+// p, b_p its measured direction and s_p = a_g scale_p its length (a_g the
+// factor of its group of scales), it minimises
+//
+//   sum_p  [ |(I - b b^T) C| / sigma_p + phi(b . C - s) ] / length_p
+// + sum_q  |C_q| / sigma_0                          (pairs without parallax)
+// + sum_g  n_g |a_g - 1| / sigma_g                  (groups but the first)
+//
+//   phi(v) = |v| min(0.15 / sigma_s,p, 1) / sigma_p for b . C >= scale_p / 10,
+//   continued with slope 1 / sigma_p below,
+//
+//   length_p = max(scale_p, min(q_i, q_j) / 2), q the lower quartile of scale_p
+//   of all pairs of a frame with other frames; scale_p of pairs in a frame,
+//
+// over the frame centres, the translations of free sensors, and the factors
+// a_g. It is eq. (11) of MGSfM, min |s b - C| with s bounded from below, with
+// the unknown s eliminated pair by pair, norms that do not depend on the axes,
+// and measured lengths and bounds instead of the same bound 1 for all.
+//
+// Gauge: the first placed frame is at the origin, a_0 = 1. With known sensor
+// offsets, their length in the unit of a_0 is one more unknown; the result is
+// in the unit in which they are known.
+//
+// Directions of sensor translations whose standard deviation exceeds half of
+// the unit are not determined; they are set to zero and reported.
+//
+// Solved by the ADMM of math/l1_admm.h, which states the stopping criteria.
+// Cost: one sparse factorisation with one unknown per frame, at most two if
+// sensor offsets are known, then solves that are linear in the pairs.
+struct InitialPositions {
+  Positions positions;
+  SolveSummary solve;
+  // Length that scale_p = 1 has in each group.
+  std::vector<double> group_factor;
+  // Orthonormal rows over the stacked translations of free sensors (3 each, in
+  // the order of free_sensors) that are not determined.
+  std::vector<int> free_sensors;
+  Eigen::MatrixXd unobservable;
+  // Known sensor offsets determine the unit of length.
+  bool is_metric = false;
+};
+
+// Standard deviation of the baseline of a pair without parallax: at typical
+// depth, a longer one would be seen as parallax.
+double ZeroBaselineSigma(const PairScales& scales, double min_parallax_deg);
+
+struct InitializationInput {
+  const PositionProblem& problem;
+  const std::vector<BaselineDirection>& baselines;
+  const PairScales& scales;
+  const Mask& pair_is_used;  // per baseline
+
+  BaselineKind KindOf(size_t pair_idx) const {
+    return pair_is_used[pair_idx] ? baselines[pair_idx].kind
+                                  : BaselineKind::kUnused;
+  }
+  std::array<int, 2> FramesOf(size_t pair_idx) const {
+    return {problem.frame_idx[baselines[pair_idx].image_idx1],
+            problem.frame_idx[baselines[pair_idx].image_idx2]};
+  }
+  bool IsDirectionBetweenFrames(size_t pair_idx) const {
+    return KindOf(pair_idx) == BaselineKind::kDirection &&
+           FramesOf(pair_idx)[0] != FramesOf(pair_idx)[1];
+  }
+};
+
+struct InitializationOptions {
+  double min_parallax_deg = 0.0;
+  // Stopping criteria of the ADMM.
+  int max_num_iterations = 2000;
+  double relative_tolerance = 1e-4;
+};
+
+// Frames outside the largest connected component of the used pairs stay
+// unplaced.
+InitialPositions InitializePositions(const InitializationInput& input,
+                                     const InitializationOptions& options,
+                                     const Context& context = {});
+
+}  // namespace mgsfm

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/base/solver.h"
+#include "rig_solver/rig_problem.h"
+#include "translation_averaging/refinement_terms.h"
+
+namespace mgsfm {
+
+// Positions as unknowns of a rig problem (rig_solver/rig_problem.h) with
+// constant rotations. Frames, sensors and images of the problem are those of
+// the scene. Terms and points are added first, then the gauge is fixed.
+class PositionRigProblem {
+ public:
+  // The arguments must outlive this.
+  PositionRigProblem(const RefinementInput& input,
+                     const RefinementOptions& options,
+                     const Positions& positions);
+
+  // Adds a term for each usable pair of a kind; `set` gives it its values.
+  using SetTerm = std::function<void(size_t pair_idx, BaselineTerm* term)>;
+  void AddTerms(BaselineKind baseline_kind, BaselineTerm::Kind kind,
+                const SetTerm& set);
+  void AddZeroBaselines();
+  // Adds the used observations of the tracks.
+  void AddPoints(const TrackRays& rays, const std::vector<size_t>& track_idxs,
+                 const TrackPoints& points);
+  // Holds the first frame and the unobservable directions of sensors.
+  void HoldGauge();
+  // Fixes the component of the longest unknown along its initial value. A
+  // change of scale can meet this exactly, so the shape stays free.
+  void HoldScale();
+
+  SolveSummary Solve(const Context& context);
+  // Solves once for each scale of the annealed loss.
+  SolveSummary SolveAnnealed(const Context& context);
+
+  void WriteBack(Positions* positions) const;
+  void WriteBack(const std::vector<size_t>& track_idxs,
+                 TrackPoints* points) const;
+
+ private:
+  void MarkAsSeen(int image_idx) {
+    frame_is_seen_[input_.problem.frame_idx[image_idx]] = true;
+    sensor_is_seen_[input_.problem.sensor_idx[image_idx]] = true;
+  }
+
+  const RefinementInput& input_;
+  const RefinementOptions& options_;
+  const Positions& initial_;
+  Mask frame_is_seen_;
+  Mask sensor_is_seen_;
+  RigProblem<RayObservation> problem_;
+  RigState state_;
+};
+
+}  // namespace mgsfm

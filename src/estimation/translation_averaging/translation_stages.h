@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "geometry/so3.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/base/solver.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "mgsfm/translation_averaging/translation_averaging.h"
+#include "translation_averaging/angle_refinement.h"
+#include "translation_averaging/baseline_directions.h"
+#include "translation_averaging/position_initialization.h"
+#include "translation_averaging/position_problem.h"
+#include "translation_averaging/refinement_terms.h"
+#include "translation_averaging/scale_averaging.h"
+#include "translation_averaging/track_points.h"
+
+namespace mgsfm {
+
+// The stages of AverageTranslations()
+// (mgsfm/translation_averaging/translation_averaging.h), from known rotations
+// to positions and points.
+
+// Stopping criterion of L1 positions that a refinement follows. Ten times
+// tighter, they would start the refinement no better: errors along long bends
+// are gone after its first step.
+constexpr double kStartTolerance = 1e-3;
+// Errors of positions by pairs alone, before points are used: some degrees of
+// error in the direction to a point. Half or twice the value changes errors by
+// at most 2 % (docs/results/constants.md).
+constexpr double kCoarseErrorRad = DegToRad(4.0);
+
+// Directions (baseline_directions.h) and relative lengths (scale_averaging.h)
+// of the baselines of pairs.
+struct PairMeasurements {
+  std::vector<BaselineDirection> baselines;  // without depths
+  PairScales scales;
+};
+
+PairMeasurements MeasurePairs(const BaselineInput& input,
+                              double min_parallax_deg, const Context& context,
+                              const LengthHints& hints);
+
+// Counts the kinds of pairs and the groups of scales.
+void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
+                    TranslationSummary* summary);
+
+// Positions by the directions of pairs alone (angle_refinement.h), from
+// input.initial. Without a usable solution the result is the start.
+struct RefinedPositions {
+  Positions positions;
+  SolveSummary solve;
+};
+RefinedPositions RefineWithPairs(
+    const RefinementInput& input, const TranslationAveragingOptions& options,
+    const Context& context,
+    const PositionObjective& objective = kNonBilinearObjective);
+
+// Triangulates the points of placed->positions again. The lower bound of their
+// depth is a share of the typical depth of input.scales.
+void TriangulateAgain(const RefinementInput& input, const TrackRays& rays,
+                      double max_error_rad,
+                      const TranslationAveragingOptions& options,
+                      int num_threads, PositionsAndPoints* placed);
+
+// Positions and points by all rays: a coarse triangulation and joint refinement
+// by eq. (18) of MGSfM, then triangulation and refinement at the noise level of
+// the rays. Frames without usable pairs are placed by points in between. An
+// objective without points triangulates coarsely only.
+struct TrackRefinement {
+  PositionsAndPoints placed;
+  SolveSummary solve;  // of the last refinement
+  int num_frames_placed_by_points = 0;
+};
+TrackRefinement RefineWithTracks(
+    const RefinementInput& input, const Positions& start, const TrackRays& rays,
+    const TranslationAveragingOptions& options, const Context& context,
+    const PositionObjective& objective = kNonBilinearObjective);
+
+// The factor that returns positions to the measured lengths of the used pairs.
+// Angles leave the common scale open, so that it drifts in refinements.
+double FactorToMeasuredLengths(const RefinementInput& input,
+                               const Positions& positions);
+
+void ScaleBy(double factor, PositionsAndPoints* placed);
+
+PositionEstimate MakePositionEstimate(const Scene& scene,
+                                      const PositionProblem& problem,
+                                      const PositionsAndPoints& placed);
+
+// Counts placed frames and points, and describes each sensor.
+void SummarizeEstimate(const PositionProblem& problem,
+                       const InitialPositions& initial,
+                       const PositionEstimate& estimate,
+                       TranslationSummary* summary);
+
+// What the stages have measured and estimated so far.
+struct TranslationState {
+  PositionProblem problem;
+  PairMeasurements pairs;
+  InitialPositions initial;
+  Mask pair_is_used;  // by the next stage
+  PositionsAndPoints placed;
+
+  InitializationInput ToInitialize() const {
+    return {problem, pairs.baselines, pairs.scales, pair_is_used};
+  }
+  RefinementInput ToRefine() const {
+    return {problem, pairs.baselines, pairs.scales, initial, pair_is_used};
+  }
+};
+
+// What a caller of AverageTranslations() adds to its stages: the rules of pair
+// filtering (mapper/position_recipe.h), or another objective
+// (baselines/position_baselines.h). Null functions do nothing.
+struct TranslationHooks {
+  LengthHints length_hints = {};
+  PositionObjective objective = kNonBilinearObjective;
+  // Replaces stage 2: finds `initial`, and removes used pairs.
+  std::function<void(TranslationState*)> initialize = {};
+  // Removes used pairs after stage 3, if the objective has that stage.
+  std::function<void(TranslationState*)> select_pairs = {};
+  // Sees positions without points as they become better.
+  std::function<void(const PositionEstimate&)> observer = {};
+  // Gets the state after the last stage.
+  std::function<void(TranslationState)> finish = {};
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,311 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "imaging/image_run.h"
+
+#include <algorithm>
+#include <memory>
+#include <mutex>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <set>
+#include <utility>
+
+#include "base/file_reading.h"
+#include "base/grouped_warnings.h"
+#include "base/parallel.h"
+#include "files/file_operations.h"
+#include "files/image_encoding.h"
+#include "files/image_reading.h"
+#include "files/mask_folder.h"
+#include "files/place_and_time_tags.h"
+#include "imaging/view_renderer.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool IsComplete(const fs::path& path) {
+  std::error_code ignored;
+  return fs::is_regular_file(path, ignored) && fs::file_size(path, ignored) > 0;
+}
+
+// The maps of a camera exist from its first image to its last.
+class SharedRenderer {
+ public:
+  void AddImage() { ++num_left_; }
+
+  std::shared_ptr<const ViewRenderer> Get(const Camera& camera,
+                                          const std::vector<View>& views) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!renderer_) {
+      renderer_ = std::make_shared<const ViewRenderer>(camera, views);
+    }
+    return renderer_;
+  }
+
+  void FinishImage() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (--num_left_ == 0) renderer_.reset();
+  }
+
+ private:
+  std::mutex mutex_;
+  std::shared_ptr<const ViewRenderer> renderer_;
+  size_t num_left_ = 0;
+};
+
+bool HoldsFiles(const fs::path& folder) {
+  return fs::is_directory(folder) && !fs::is_empty(folder);
+}
+
+class ImageRun {
+ public:
+  ImageRun(const std::vector<Camera>& cameras,
+           const std::vector<std::vector<View>>& views_of_camera,
+           const ImageRunOptions& options)
+      : cameras_(cameras),
+        views_of_camera_(views_of_camera),
+        options_(options),
+        renderers_(cameras.size()) {}
+
+  bool IsDone(const ImageTask& task) const {
+    for (const std::string& name : task.view_names) {
+      if (!IsComplete(ImagePath(name))) return false;
+      if (options_.writes_masks && !IsComplete(MaskPath(name))) return false;
+    }
+    return true;
+  }
+
+  void MakeFolders(const std::vector<ImageTask>& tasks) {
+    for (const ImageTask& task : tasks) {
+      for (const std::string& name : task.view_names) {
+        folders_.insert(ImagePath(name).parent_path());
+        if (options_.writes_masks) {
+          folders_.insert(MaskPath(name).parent_path());
+        }
+      }
+    }
+    for (const fs::path& folder : folders_) fs::create_directories(folder);
+  }
+
+  // The names of all files, and of the folders that hold them.
+  void SyncFolders() const {
+    std::set<fs::path> folders;
+    const size_t size = options_.output_path.native().size();
+    for (fs::path folder : folders_) {
+      for (; folder.native().size() > size; folder = folder.parent_path()) {
+        folders.insert(folder);
+      }
+    }
+    folders.insert(options_.output_path);
+    FileOperations operations;
+    for (const fs::path& folder : folders) operations.Sync(folder);
+  }
+
+  void LogWarnings(const Context& context) const { warnings_.Log(context); }
+
+  void AddTask(const ImageTask& task) {
+    renderers_[task.camera_idx].AddImage();
+  }
+
+  void WarnOfEmptyMasks(const Context& context) const {
+    empty_masks_.Warn(options_.mask_path, context);
+  }
+
+  void Run(const ImageTask& task) {
+    try {
+      WriteTask(task);
+    } catch (const Error& error) {
+      throw Error("image '" + task.name + "' " + error.what());
+    }
+    renderers_[task.camera_idx].FinishImage();
+  }
+
+ private:
+  fs::path ImagePath(const std::string& view_name) const {
+    return options_.output_path / "images" / view_name;
+  }
+  fs::path MaskPath(const std::string& view_name) const {
+    return options_.output_path / "masks" / (view_name + ".png");
+  }
+
+  void WriteTask(const ImageTask& task) {
+    const Camera& camera = cameras_[task.camera_idx];
+    const std::vector<View>& views = views_of_camera_[task.camera_idx];
+    const fs::path original_path = options_.image_path / task.name;
+    const std::string file = ReadFile(original_path);
+    const bool is_unchanged = IsUnchanged(camera, views);
+    const DecodedImage decoded = Decode(file, Colours(), camera);
+    if (decoded.is_nearly_black && !is_unchanged) {
+      const std::lock_guard<std::mutex> lock(warnings_mutex_);
+      warnings_.Add("image '" + task.name +
+                    "' has 16 bits per channel, but uses the lower 12 only, so "
+                    "that its views of 8 bits are nearly black; multiply its "
+                    "values by 16 and start again in another folder");
+    }
+    std::shared_ptr<const ViewRenderer> renderer;
+    if (!is_unchanged || options_.writes_masks) {
+      renderer = renderers_[task.camera_idx].Get(camera, views);
+    }
+    if (options_.writes_masks) WriteMasks(task, camera, *renderer);
+    if (is_unchanged) {
+      ReplaceOneOfMany(ImagePath(task.view_names.front()),
+                       WithoutOrientation(file));
+      return;
+    }
+    const PlaceAndTimeTags tags(file);
+    const std::vector<cv::Mat> rendered = renderer->Render(decoded.pixels);
+    for (size_t i = 0; i < rendered.size(); ++i) {
+      const fs::path path = ImagePath(task.view_names[i]);
+      ReplaceOneOfMany(path, tags.AddTo(Encode(path, rendered[i])));
+    }
+  }
+
+  void WriteMasks(const ImageTask& task, const Camera& camera,
+                  const ViewRenderer& renderer) {
+    cv::Mat mask;
+    const fs::path mask_path = MaskPathOf(options_.mask_path, task.name);
+    std::error_code ignored;
+    if (!options_.mask_path.empty() &&
+        fs::is_regular_file(mask_path, ignored)) {
+      try {
+        mask = Decode(ReadFile(mask_path),
+                      cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH, camera)
+                   .pixels != 0;
+      } catch (const Error& error) {
+        throw Error("has a mask that " + std::string(error.what()));
+      }
+      empty_masks_.Count(cv::countNonZero(mask) == mask.rows * mask.cols);
+    }
+    const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
+    for (size_t i = 0; i < rendered.size(); ++i) {
+      const fs::path path = MaskPath(task.view_names[i]);
+      ReplaceOneOfMany(path, Encode(path, rendered[i]));
+    }
+  }
+
+  int Colours() const {
+    return options_.keeps_depth ? cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH
+                                : cv::IMREAD_ANYCOLOR;
+  }
+
+  static DecodedImage Decode(const std::string& file, int color,
+                             const Camera& camera) {
+    DecodedImage decoded = DecodeImage(
+        file, color | cv::IMREAD_IGNORE_ORIENTATION, kDefaultMaxNumPixels);
+    const cv::Mat& image = decoded.pixels;
+    if (image.cols == camera.width_px && image.rows == camera.height_px) {
+      return decoded;
+    }
+    const auto size = [](int width, int height) {
+      return std::to_string(width) + " x " + std::to_string(height);
+    };
+    throw Error("has " + size(image.cols, image.rows) +
+                " pixels, but its camera has " +
+                size(camera.width_px, camera.height_px) +
+                "; images of one camera must have one size, that of the model");
+  }
+
+  std::string Encode(const fs::path& path, const cv::Mat& image) const {
+    return EncodeImage(path.extension().string(), image,
+                       {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality});
+  }
+
+  const std::vector<Camera>& cameras_;
+  const std::vector<std::vector<View>>& views_of_camera_;
+  const ImageRunOptions& options_;
+  std::vector<SharedRenderer> renderers_;
+  std::set<fs::path> folders_;  // of the files to write
+  EmptyMasks empty_masks_;
+  std::mutex warnings_mutex_;
+  GroupedWarnings warnings_;
+};
+
+}  // namespace
+
+void CheckImagesExist(const std::vector<ImageTask>& tasks,
+                      const fs::path& image_path) {
+  for (const ImageTask& task : tasks) {
+    std::error_code ignored;
+    if (fs::is_regular_file(image_path / task.name, ignored)) continue;
+    throw Error("image '" + task.name + "' of the model is missing in '" +
+                image_path.string() +
+                "'; use the folder from which the model was made");
+  }
+}
+
+void CheckMasksOf(const std::vector<ImageTask>& tasks,
+                  const fs::path& mask_path, const std::string& option,
+                  const Context& context) {
+  std::vector<std::string> names;
+  for (const ImageTask& task : tasks) names.push_back(task.name);
+  CheckMasks(mask_path, names, option, context);
+}
+
+void CheckIsApart(const fs::path& output_path, const fs::path& image_path) {
+  if (image_path.empty()) return;
+  const fs::path originals = fs::weakly_canonical(fs::absolute(image_path));
+  for (const char* name : {"images", "masks"}) {
+    fs::path folder = fs::weakly_canonical(fs::absolute(output_path / name));
+    for (; folder != folder.root_path(); folder = folder.parent_path()) {
+      if (folder != originals) continue;
+      throw Error("the output '" + output_path.string() +
+                  "' would lie in the folder of original images '" +
+                  image_path.string() + "'; choose another output folder");
+    }
+  }
+}
+
+void ContinueOrBegin(const fs::path& output_path, const std::string& settings) {
+  const fs::path path = output_path / "undistortion.json";
+  const bool is_continued = fs::is_regular_file(path);
+  if (is_continued && ReadFile(path) == settings) return;
+  for (const char* name : {"images", "masks"}) {
+    const fs::path folder = output_path / name;
+    if (!HoldsFiles(folder)) continue;
+    throw Error("'" + folder.string() + "' holds images " +
+                (is_continued ? "of other settings or another calibration"
+                              : "that this program did not write") +
+                "; remove them or choose another folder");
+  }
+  fs::create_directories(output_path);
+  ReplaceFile(path, settings);
+}
+
+ImageRunSummary WriteViews(
+    const std::vector<ImageTask>& tasks, const std::vector<Camera>& cameras,
+    const std::vector<std::vector<View>>& views_of_camera,
+    const ImageRunOptions& options, const Context& context) {
+  const Timer timer;
+  ImageRun run(cameras, views_of_camera, options);
+  std::vector<ImageTask> left;
+  for (const ImageTask& task : tasks) {
+    if (!run.IsDone(task)) left.push_back(task);
+  }
+  run.MakeFolders(left);
+  // Images of one camera follow each other, so that few maps exist at a time.
+  std::stable_sort(left.begin(), left.end(),
+                   [](const ImageTask& a, const ImageTask& b) {
+                     return a.camera_idx < b.camera_idx;
+                   });
+  for (const ImageTask& task : left) run.AddTask(task);
+  const QuietImageLibraries quiet;
+  ParallelFor(
+      left.size(), context.num_threads,
+      [&](size_t i) {
+        context.CheckInterrupted();
+        run.Run(left[i]);
+      },
+      1,
+      [&](size_t num_done) {
+        context.ReportProgress("undistortion: images", num_done, left.size());
+      });
+  if (!left.empty()) run.SyncFolders();
+  run.WarnOfEmptyMasks(context);
+  run.LogWarnings(context);
+  return {left.size(), tasks.size() - left.size(), timer.Seconds()};
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/imaging/views.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// One image and the names of its views, in the order of the views of its
+// camera.
+struct ImageTask {
+  std::string name;
+  int camera_idx = 0;
+  std::vector<std::string> view_names;
+};
+
+struct ImageRunOptions {
+  std::filesystem::path image_path;
+  std::filesystem::path mask_path;  // empty: none
+  std::filesystem::path output_path;
+  bool writes_masks = false;
+  int jpeg_quality = 95;
+  // Keeps depths above 8 bits, although most programs expect 8.
+  bool keeps_depth = false;
+};
+
+struct ImageRunSummary {
+  size_t num_written = 0;  // original images
+  size_t num_present = 0;  // of an earlier run
+  double seconds = 0.0;
+};
+
+// Writes the views of images to output_path/images, in the format of the
+// original, and their masks to output_path/masks under COLMAP's names: that of
+// the view with ".png" appended. An image that is its only view is copied.
+// Views have the GPS position and time of the original in their EXIF tags.
+//
+// Every file appears complete, and images whose files all exist are skipped, so
+// a run that was killed continues. Parallel over images.
+//
+// Throws Error, naming the image, if one is damaged or differs in size from its
+// camera.
+ImageRunSummary WriteViews(
+    const std::vector<ImageTask>& tasks, const std::vector<Camera>& cameras,
+    const std::vector<std::vector<View>>& views_of_camera,
+    const ImageRunOptions& options, const Context& context);
+
+// Throws Error, naming the first one, unless all images are in the folder.
+void CheckImagesExist(const std::vector<ImageTask>& tasks,
+                      const std::filesystem::path& image_path);
+
+// As CheckMasks, for the images of the tasks.
+void CheckMasksOf(const std::vector<ImageTask>& tasks,
+                  const std::filesystem::path& mask_path,
+                  const std::string& option, const Context& context);
+
+// Throws Error if the outputs would lie among images (or masks) that are read.
+// An empty path is no folder.
+void CheckIsApart(const std::filesystem::path& output_path,
+                  const std::filesystem::path& image_path);
+
+// Images of a run may be kept if they were written with the same settings, a
+// text in output_path/undistortion.json, which a new run writes first. Throws
+// Error if there are images of other settings, or without.
+void ContinueOrBegin(const std::filesystem::path& output_path,
+                     const std::string& settings);
+
+}  // namespace mgsfm

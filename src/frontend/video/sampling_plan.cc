@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "video/sampling_plan.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+
+#include "base/file_reading.h"
+#include "base/format.h"
+#include "base/nanoseconds.h"
+#include "files/file_operations.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr char kPlanName[] = "video_sampling.json";
+constexpr int64_t kNanosecondsPerMillisecond = 1'000'000;
+
+bool AreDistinct(const std::vector<std::string>& names) {
+  return std::set<std::string>(names.begin(), names.end()).size() ==
+         names.size();
+}
+
+Json ToJson(const SamplingPlan& plan) {
+  Json frames = Json::array();
+  for (const SampledFrame& frame : plan.frames) {
+    Json times = Json::array();
+    for (const auto& time_ns : frame.times_ns) {
+      times.push_back(time_ns ? Json(*time_ns) : Json());
+    }
+    frames.push_back({{"name", frame.name}, {"times_ns", std::move(times)}});
+  }
+  return {{"folders", plan.folders},
+          {"offsets_ns", plan.offsets_ns},
+          {"frames", std::move(frames)}};
+}
+
+SamplingPlan PlanOf(const Json& json) {
+  SamplingPlan plan;
+  plan.folders = json.at("folders").get<std::vector<std::string>>();
+  plan.offsets_ns = json.at("offsets_ns").get<std::vector<int64_t>>();
+  for (const Json& item : json.at("frames")) {
+    SampledFrame frame{item.at("name").get<std::string>(), {}};
+    for (const Json& time : item.at("times_ns")) {
+      frame.times_ns.push_back(
+          time.is_null() ? std::nullopt : std::optional(time.get<int64_t>()));
+    }
+    plan.frames.push_back(std::move(frame));
+  }
+  return plan;
+}
+
+}  // namespace
+
+std::vector<std::string> NamesOfTimes(const std::vector<int64_t>& times_ns) {
+  const auto format = [&](int64_t per_unit, int num_decimals) {
+    std::vector<std::string> names;
+    for (const int64_t time_ns : times_ns) {
+      const int64_t units =
+          (time_ns - times_ns.front() + per_unit / 2) / per_unit;
+      const int64_t per_second = kNsPerSecond / per_unit;
+      const std::string name =
+          Formatted("%06lld.%0*lld", static_cast<long long>(units / per_second),
+                    num_decimals, static_cast<long long>(units % per_second));
+      names.emplace_back(name);
+    }
+    return names;
+  };
+  std::vector<std::string> names = format(kNanosecondsPerMillisecond, 3);
+  return AreDistinct(names) ? names : format(1, 9);
+}
+
+std::vector<std::string> FoldersOfVideos(const std::vector<fs::path>& paths) {
+  std::vector<std::string> stems, folders;
+  for (const fs::path& path : paths) {
+    stems.push_back(path.stem());
+    folders.push_back(fs::absolute(path).parent_path().filename());
+  }
+  if (AreDistinct(stems)) return stems;
+  if (AreDistinct(folders)) return folders;
+  throw Error("videos '" + paths.front().string() +
+              "' and others have equal names; name each after its camera, such "
+              "as front.mp4 and left.mp4");
+}
+
+std::optional<SamplingPlan> ReadPlan(const fs::path& output_path,
+                                     const std::string& settings) {
+  const fs::path path = output_path / kPlanName;
+  const bool is_continued = fs::is_regular_file(path);
+  if (is_continued) {
+    try {
+      const Json json = Json::parse(ReadFile(path));
+      if (json.at("settings") == Json::parse(settings)) {
+        return PlanOf(json.at("plan"));
+      }
+    } catch (const nlohmann::json::exception&) {
+      throw Error("'" + path.string() +
+                  "' is damaged; remove it and the images beside it");
+    }
+  }
+  const fs::path images = output_path / "images";
+  if (fs::is_directory(images) && !fs::is_empty(images)) {
+    throw Error("'" + images.string() + "' holds images " +
+                (is_continued ? "of other videos or settings"
+                              : "that this program did not write") +
+                "; remove them or choose another folder");
+  }
+  return std::nullopt;
+}
+
+void WritePlan(const fs::path& output_path, const std::string& settings,
+               const SamplingPlan& plan) {
+  fs::create_directories(output_path);
+  const Json json = {{"settings", Json::parse(settings)},
+                     {"plan", ToJson(plan)}};
+  ReplaceFile(output_path / kPlanName, json.dump(1) + "\n");
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mapper/rotation_recipe.h"
+#include "mapper/verified_pairs.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/scene/estimates.h"
+#include "pair_filtering/frame_pair_index.h"
+
+namespace mgsfm {
+
+// The connected components of the view graph, of which each becomes a model.
+
+// The number of frames of each component.
+[[nodiscard]] std::vector<int> CountFramesOfComponents(
+    const RotationEstimate& rotations);
+
+// The estimate restricted to one component.
+[[nodiscard]] RotationEstimate SelectComponent(const VerifiedPairs& pairs,
+                                               const RotationEstimate& all,
+                                               int component);
+
+// Groups of pairs that the rotations or positions of a component contradict.
+// Pairs on moving objects are no evidence against either. Logs their number.
+[[nodiscard]] std::vector<RejectedGroup> FindRejectedGroups(
+    const VerifiedPairs& pairs, const FramePairIndex& index,
+    const RotationEstimate& rotations, const Mask& pair_is_inconsistent,
+    const PairVerdicts& verdicts, const Context& context);
+
+// Sorts the models by descending number of frames, which splitting a component
+// changes, drops those of fewer than min_model_size images, but never the first
+// one, and lists the frames that are in no model, with the reason.
+void KeepLargeModels(const Scene& scene, const EstimatedRotations& rotations,
+                     const Mask& frame_is_ambiguous,
+                     const MapperOptions& options, MapperResult* result);
+
+}  // namespace mgsfm

@@ -1,0 +1,431 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mapper/input_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/format.h"
+#include "input_check/camera_motions.h"
+#include "input_check/focal_lengths.h"
+#include "input_check/image_sizes.h"
+#include "input_check/kept_matches.h"
+#include "input_check/rig_checks.h"
+#include "input_check/rig_samples.h"
+#include "mapper/focal_length_doubts.h"
+#include "mapper/run_summary.h"
+#include "mapper/shared_calibration.h"
+#include "mapper/weak_seams.h"
+#include "math/robust_scale.h"
+#include "math/statistics.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/view_graph/view_graph_estimation.h"
+
+namespace mgsfm {
+namespace {
+
+// One missing image in ten deserves a warning; docs/guides/warnings.md states
+// the share. Half or twice as many change no verdict
+// (docs/results/constants.md).
+constexpr double kMinRegisteredShare = 0.9;
+// One or two images do not show whether a camera shares frames with others.
+constexpr int kMinNumImagesOfCamera = 3;
+// More wrong than right priors of two are wrong by chance; fewer priors than
+// this show no share.
+constexpr double kMaxOutlierShare = 1.0 / 3.0;
+constexpr int kMinNumPriors = 6;
+// The relative standard deviation of the baselines of a known rig, as in the
+// priors of bundle adjustment.
+constexpr double kKnownRigSigma = 0.01;
+// Normal errors exceed it in 1 of 10,000 cases.
+constexpr double kMaxErrorInSigmas = 3.9;
+// Findings beyond these are in the report only.
+constexpr size_t kMaxNumLines = 5;
+// An estimated focal length this close to the initial one confirms it: two
+// standard deviations at the default of max_focal_length_sigma.
+constexpr double kMaxConfirmedChange = 0.02;
+
+void Append(std::vector<Finding> from, std::vector<Finding>* to) {
+  to->insert(to->end(), std::make_move_iterator(from.begin()),
+             std::make_move_iterator(from.end()));
+}
+
+std::string CountOf(size_t count, size_t total, const char* what) {
+  return std::to_string(count) + " of " + std::to_string(total) + " " + what;
+}
+
+// Several cameras with a rig each: no frame has images of two of them.
+std::vector<Finding> CheckSharedFrames(const Scene& scene) {
+  std::vector<int> num_images(scene.sensors.size(), 0);
+  for (const Image& image : scene.images) ++num_images[image.sensor_idx];
+  Finding finding;
+  for (const Rig& rig : scene.rigs) {
+    if (rig.sensor_idxs.size() > 1) return {};
+    const int sensor_idx = rig.ref_sensor_idx;
+    if (num_images[sensor_idx] < kMinNumImagesOfCamera) continue;
+    finding.cameras.push_back(scene.sensors[sensor_idx].name);
+  }
+  if (finding.cameras.size() < 2) return {};
+  finding.cause = Cause::kNoSharedFrames;
+  finding.evidence = {
+      {"num_cameras", static_cast<double>(finding.cameras.size())}};
+  finding.text = std::to_string(finding.cameras.size()) +
+                 " cameras share no frame, so that no rig is calibrated: "
+                 "images of one instant have different names";
+  finding.remedy =
+      "if the cameras are mounted rigidly, give images of one instant equal "
+      "names, or set rig_name_rule";
+  return {finding};
+}
+
+// The reason of most unregistered frames, or what is wrong with a sensor.
+std::string LikelyCause(const Scene& scene, const MapperResult& result) {
+  for (size_t k = 0; k < result.rotation.sensors.size(); ++k) {
+    const SensorRotationSummary& sensor = result.rotation.sensors[k];
+    if (sensor.is_observable) continue;
+    return "the rotation of camera '" + scene.sensors[k].name +
+           "' in its rig is unknown (" + sensor.message + ")";
+  }
+  std::map<std::string, size_t> num_frames;
+  for (const UnregisteredFrame& frame : result.unregistered_frames) {
+    ++num_frames[frame.reason];
+  }
+  const auto most = std::max_element(
+      num_frames.begin(), num_frames.end(),
+      [](const auto& a, const auto& b) { return a.second < b.second; });
+  if (most == num_frames.end()) return "their cameras have no pose in the rig";
+  return "for " +
+         CountOf(most->second, result.unregistered_frames.size(),
+                 "missing frames, ") +
+         most->first;
+}
+
+std::vector<Finding> CheckRegistration(const Scene& scene,
+                                       const MapperResult& result) {
+  const size_t num_registered = NumRegisteredImages(scene, result);
+  const auto num_images = static_cast<double>(scene.images.size());
+  if (static_cast<double>(num_registered) >= kMinRegisteredShare * num_images) {
+    return {};
+  }
+  Finding finding;
+  finding.cause =
+      result.models.empty() ? Cause::kNoModel : Cause::kFewImagesRegistered;
+  finding.evidence = {{"num_registered", static_cast<double>(num_registered)},
+                      {"num_images", num_images}};
+  finding.text = "only " +
+                 CountOf(num_registered, scene.images.size(), "images") +
+                 " are registered: " + LikelyCause(scene, result);
+  finding.remedy =
+      "match more image pairs, and check the grouping of images into rigs and "
+      "the intrinsics";
+  return {finding};
+}
+
+std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
+                                         const MapperResult& result) {
+  std::vector<Finding> findings;
+  if (priors.num_null_fixes > 0) {
+    findings.push_back(
+        {Cause::kOutlierPositionPriors,
+         {},
+         {},
+         {{"num_null_fixes", static_cast<double>(priors.num_null_fixes)}},
+         std::to_string(priors.num_null_fixes) +
+             " positions are latitude 0, longitude 0, as receivers write "
+             "them without a fix; they are ignored",
+         "remove them, or give the right positions"});
+  }
+  for (const MapperModel& model : result.models) {
+    if (!model.position_priors) continue;
+    const PositionPriorSummary& summary = *model.position_priors;
+    const std::vector<std::pair<std::string, double>> evidence = {
+        {"num_priors", static_cast<double>(summary.num_priors)},
+        {"num_outliers", static_cast<double>(summary.outliers.size())}};
+    const auto num_outliers = static_cast<double>(summary.outliers.size());
+    if (!summary.is_registered) {
+      findings.push_back({Cause::kRejectedPositionPriors,
+                          {},
+                          {},
+                          evidence,
+                          summary.message,
+                          "check the unit, the coordinate system and the "
+                          "assignment of positions to images"});
+    } else if (summary.num_priors >= kMinNumPriors &&
+               num_outliers > kMaxOutlierShare * summary.num_priors) {
+      findings.push_back({Cause::kOutlierPositionPriors,
+                          {},
+                          {},
+                          evidence,
+                          CountOf(summary.outliers.size(),
+                                  static_cast<size_t>(summary.num_priors),
+                                  "positions contradict the model"),
+                          "check the positions and their standard deviations"});
+    }
+  }
+  return findings;
+}
+
+// The logarithms of the distances between positions, relative to those in the
+// model. Each position is compared with that half of all positions later.
+std::vector<double> LogScales(const Scene& scene, const PositionPriors& priors,
+                              const Reconstruction& model) {
+  std::vector<Eigen::Vector3d> measured, estimated;
+  for (size_t i = 0; i < priors.images.size(); ++i) {
+    const auto cam_from_world = model.CamFromWorld(scene, static_cast<int>(i));
+    if (!priors.images[i] || !cam_from_world) continue;
+    measured.push_back(priors.images[i]->position);
+    estimated.push_back(cam_from_world->Center());
+  }
+  std::vector<double> log_scales;
+  const size_t half = measured.size() / 2;
+  for (size_t i = 0; i + half < measured.size(); ++i) {
+    const double of_positions = (measured[i + half] - measured[i]).norm();
+    const double of_model = (estimated[i + half] - estimated[i]).norm();
+    if (of_positions > 0.0 && of_model > 0.0) {
+      log_scales.push_back(std::log(of_positions / of_model));
+    }
+  }
+  return log_scales;
+}
+
+std::string UnitRemedy(double scale) {
+  // The known rig and the positions are each right within some percent.
+  constexpr double kMaxRatio = 1.1;
+  const auto is_near = [scale](double expected) {
+    return std::max(scale / expected, expected / scale) < kMaxRatio;
+  };
+  if (is_near(1e-3)) return "give the rig in metres, not in millimetres";
+  if (is_near(1e3)) return "give the positions in metres, not in millimetres";
+  return "correct the baselines of the rig, or the unit of the positions";
+}
+
+// A model with a known rig keeps the unit of that rig. If the positions have
+// another one, they cannot agree with it.
+std::vector<Finding> CheckPositionUnit(const Scene& scene,
+                                       const PositionPriors& priors,
+                                       const MapperResult& result) {
+  for (const MapperModel& model : result.models) {
+    if (!model.position_priors || !model.position_priors->is_registered ||
+        !model.translation.is_metric) {
+      continue;
+    }
+    const std::vector<double> scales =
+        LogScales(scene, priors, model.reconstruction);
+    if (scales.size() < static_cast<size_t>(kMinNumPriors)) continue;
+    const double center = Median(scales);
+    std::vector<double> deviations;
+    for (const double scale : scales) {
+      deviations.push_back(std::abs(scale - center));
+    }
+    // Distances that share positions are not independent: the deviation of one
+    // counts, and that of the known rig.
+    const double sigma =
+        std::hypot(RobustSigma<1>(std::move(deviations)), kKnownRigSigma);
+    if (std::abs(center) <= kMaxErrorInSigmas * sigma) continue;
+    const std::string number = Formatted("%.3g", std::exp(center));
+    return {{Cause::kPositionUnit,
+             {},
+             {},
+             {{"scale", std::exp(center)}, {"relative_sigma", sigma}},
+             "the measured positions suggest a unit of length " +
+                 std::string(number) + " times that of the known rig",
+             UnitRemedy(std::exp(center))}};
+  }
+  return {};
+}
+
+std::vector<Finding> CheckGravityPriors(const MapperResult& result) {
+  if (result.gravity_rejection) {
+    return {{Cause::kRejectedGravityPriors,
+             {},
+             {},
+             {},
+             *result.gravity_rejection,
+             "check the axes of the directions: x right, y down, z forward in "
+             "the camera frame"}};
+  }
+  for (const MapperModel& model : result.models) {
+    if (!model.gravity || model.gravity->num_priors < kMinNumPriors) continue;
+    const size_t num_outliers = model.gravity->outliers.size();
+    const int num_priors = model.gravity->num_priors;
+    if (static_cast<double>(num_outliers) <= kMaxOutlierShare * num_priors) {
+      continue;
+    }
+    return {{Cause::kOutlierGravityPriors,
+             {},
+             {},
+             {{"num_priors", num_priors},
+              {"num_outliers", static_cast<double>(num_outliers)}},
+             CountOf(num_outliers, static_cast<size_t>(num_priors),
+                     "directions of gravity contradict the model"),
+             "check their axes and their assignment to images"}};
+  }
+  return {};
+}
+
+bool Concerns(const Finding& finding, const std::vector<std::string>& cameras) {
+  return std::any_of(cameras.begin(), cameras.end(), [&](const auto& name) {
+    return std::count(finding.cameras.begin(), finding.cameras.end(), name) > 0;
+  });
+}
+
+// Keeps the first finding of each camera, and those of the same cause: images
+// of a wrong size also disturb motions, and a camera that lags also turns
+// relative to its rig.
+std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
+  std::vector<Finding> causes;
+  for (const Finding& finding : findings) {
+    const bool is_explained =
+        std::any_of(causes.begin(), causes.end(), [&](const Finding& f) {
+          return f.cause != finding.cause && Concerns(f, finding.cameras);
+        });
+    if (!is_explained) causes.push_back(finding);
+  }
+  return causes;
+}
+
+// Per sensor: the matches with other sensors that the largest model explains.
+std::vector<KeptCount> CountKeptBetweenSensors(
+    const Scene& scene, const ViewGraph& verified,
+    const std::vector<MapperModel>& models, double max_error_px,
+    const Context& context) {
+  if (models.empty()) return {};
+  ViewGraph between;
+  for (const ImagePair& pair : verified.pairs) {
+    if (scene.images[pair.image_idx1].sensor_idx !=
+        scene.images[pair.image_idx2].sensor_idx) {
+      between.pairs.push_back(pair);
+    }
+  }
+  return CountKeptMatches(scene, between, models.front().reconstruction,
+                          max_error_px, context)
+      .sensors;
+}
+
+// Motions of cameras that contradict each other. With wrong intrinsics, the
+// rotations of pairs are wrong, so that pairs are estimated again with those of
+// the largest model before a camera is accused.
+std::vector<Finding> CheckMotionsTwice(
+    const VerifiedPairs& pairs, const std::vector<SensorPairSamples>& samples,
+    const MapperOptions& options, const Context& context,
+    const std::vector<MapperModel>& models) {
+  const Scene& scene = pairs.scene;
+  const ViewGraph& verified = pairs.view_graph;
+  if (models.empty()) return CheckMotions(scene, verified, samples, nullptr);
+  const KeptMatches& kept = models.front().kept_matches;
+  std::vector<Finding> findings = CheckMotions(scene, verified, samples, &kept);
+  if (findings.empty()) return findings;
+  Scene adjusted = scene;
+  adjusted.cameras = models.front().reconstruction.cameras;
+  const ViewGraph again =
+      EstimateViewGraph(adjusted,
+                        ComputeBearings(adjusted, context.num_threads),
+                        pairs.matches(), options.view_graph, context)
+          .estimate;
+  return CheckMotions(adjusted, again, CollectRigSamples(adjusted, again),
+                      &kept);
+}
+
+}  // namespace
+
+void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
+                const MapperOptions& options, const Context& context,
+                MapperResult* result) {
+  const Scene& scene = pairs.scene;
+  const ViewGraph& verified = pairs.view_graph;
+  for (MapperModel& model : result->models) {
+    model.kept_matches =
+        CountKeptMatches(scene, verified, model.reconstruction,
+                         options.view_graph.max_error_px, context);
+  }
+  std::vector<Finding> findings;
+  if (input.expects_rigs) findings = CheckSharedFrames(scene);
+  std::vector<SensorPairSamples> samples = CollectRigSamples(scene, verified);
+  std::vector<Finding> causes = CheckImageSizes(scene);
+  Append(CheckMotionsTwice(pairs, samples, options, context, result->models),
+         &causes);
+  Append(FindSwappedCameras(scene, samples), &causes);
+  if (causes.empty()) {  // otherwise pairs do not measure focal lengths
+    causes = ConfirmedFocalLengthDoubts(
+        scene, result->models, options.bundle_adjustment, context,
+        CheckTrustedFocalLengths(scene, pairs.matches(), context));
+  }
+  for (const MapperModel& model : result->models) {
+    if (!model.delays || !model.delays->AreCertain()) continue;
+    if (options.soft_rig.method != SoftRig::kTimeOffset) {
+      Append(DescribeDelays(scene, *model.delays), &causes);
+    }
+    RemoveDelays(scene, *model.delays, &samples);
+    break;
+  }
+  Append(FindRigMoves(scene, samples), &causes);
+  const std::vector<KeptCount> kept_between =
+      CountKeptBetweenSensors(scene, verified, result->models,
+                              options.view_graph.max_error_px, context);
+  Append(CheckKnownRotations(scene, samples, kept_between), &causes);
+  causes = WithoutSymptoms(causes);
+  Append(DescribeRigDifferences(scene, result->models), &causes);
+  std::vector<Finding> of_unit =
+      CheckPositionUnit(scene, input.position_priors, *result);
+  Append(of_unit.empty() ? CheckPositionPriors(input.position_priors, *result)
+                         : std::move(of_unit),
+         &causes);
+  Append(CheckGravityPriors(*result), &causes);
+  for (const MapperModel& model : result->models) {
+    if (!causes.empty()) break;
+    Append(FindLostMatches(scene, model.kept_matches), &causes);
+  }
+  const bool has_causes = !causes.empty();
+  Append(std::move(causes), &findings);
+  for (const MapperModel& model : result->models) {
+    if (has_causes) break;
+    if (auto seams = DescribeSeams(scene, model.confidence)) {
+      findings.push_back(std::move(*seams));
+    }
+  }
+  Append(CheckRegistration(scene, *result), &findings);
+  Append(std::move(findings), &result->findings);
+}
+
+void AddUncertainFocalLengths(const Scene& scene, MapperResult* result) {
+  std::vector<bool> is_named(scene.cameras.size(), false);
+  for (const MapperModel& model : result->models) {
+    for (const FocalLengthCheck& check : model.focal_lengths) {
+      const bool is_confirmed =
+          std::abs(std::log(check.estimated_px / check.prior_px)) <
+              kMaxConfirmedChange &&
+          !IsAssumedFocalLength(scene.cameras[check.camera_idx],
+                                check.prior_px);
+      if (check.message.empty() || is_confirmed || is_named[check.camera_idx]) {
+        continue;
+      }
+      is_named[check.camera_idx] = true;
+      result->findings.push_back(
+          {Cause::kUncertainFocalLength,
+           SensorsOfCamera(scene, check.camera_idx),
+           {},
+           {{"prior_px", check.prior_px},
+            {"estimated_px", check.estimated_px},
+            {"relative_sigma", check.relative_sigma.value_or(0.0)}},
+           check.message,
+           "provide it if the model must be accurate"});
+    }
+  }
+}
+
+void LogFindings(const MapperResult& result, const Context& context) {
+  const size_t num_lines = std::min(kMaxNumLines, result.findings.size());
+  for (size_t i = 0; i < num_lines; ++i) {
+    const Finding& finding = result.findings[i];
+    context.Warning(finding.text + "; " + finding.remedy);
+  }
+  if (result.findings.size() > num_lines) {
+    context.Info(std::to_string(result.findings.size() - num_lines) +
+                 " more warnings are in the report");
+  }
+}
+
+}  // namespace mgsfm

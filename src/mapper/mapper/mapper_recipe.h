@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+
+#include "mapper/position_recipe.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/mapper/mapper.h"
+
+namespace mgsfm {
+
+// The step from rotations to positions and points. The product's step is
+// EstimatePositions().
+using PositionStep = std::function<PositionResult(
+    const PositionInput& input, const PositionOptions& options,
+    const Context& context)>;
+
+// RunMapper() with another step, for methods to compare with.
+[[nodiscard]] MapperResult RunMapperWith(const PositionStep& estimate_positions,
+                                         const MapperInput& input,
+                                         const MapperOptions& options,
+                                         const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,330 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mapper/model_adjustment.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "base/format.h"
+#include "georegistration/gravity_levelling.h"
+#include "georegistration/pose_graph_deformation.h"
+#include "georegistration/position_registration.h"
+#include "mapper/candidates.h"
+#include "mapper/covariance_report.h"
+#include "mapper/metric_scale.h"
+#include "mapper/soft_rig_images.h"
+#include "mapper/stage.h"
+#include "soft_rig/rig_delays.h"
+
+namespace mgsfm {
+namespace {
+
+void LogPriors(const PositionPriorSummary& summary, const Context& context) {
+  if (!summary.is_registered) return;
+  if (!summary.message.empty()) context.Info(summary.message);
+  context.Info("positions: " + std::to_string(summary.num_used) + " used, " +
+               std::to_string(summary.outliers.size()) + " outliers, rms " +
+               std::to_string(summary.rms.value_or(0.0)));
+}
+
+// The diagonal of the box that encloses the frames.
+double ExtentOf(const Reconstruction& model) {
+  Eigen::AlignedBox3d box;
+  for (const auto& pose : model.rig_from_world) {
+    if (pose) box.extend(pose->Center());
+  }
+  return box.isEmpty() ? 0.0 : box.diagonal().norm();
+}
+
+// Drift moves frames by less than the extent of their path. Positions that
+// require more belong to other images.
+bool IsPlausible(const ModelDeformation& deformation, double extent) {
+  // Focal lengths that are 10 or 20 % wrong need up to 0.14; positions in a
+  // wrong order need 0.53 or more, unless the path is nearly straight
+  // (docs/results/constants.md).
+  constexpr double kMaxShareOfExtent = 0.5;
+  return deformation.max_shift <= kMaxShareOfExtent * extent;
+}
+
+// Registers the initial model to the position priors and deforms it towards
+// them. Returns the priors that bundle adjustment uses: none if the deformation
+// is implausible.
+PositionPriors MoveToPriors(const AdjustmentInput& input,
+                            const Context& context, Reconstruction* initial,
+                            MapperModel* model) {
+  std::optional<Eigen::Vector3d> up =
+      GravityInWorld(input.scene, input.gravity, *initial);
+  if (up) up = -*up;
+  const Reconstruction unregistered = *initial;
+  PositionRegistration registration =
+      RegisterToPriors(input.scene, input.positions,
+                       {up, input.is_metric, context.random_seed}, initial);
+  model->position_priors = std::move(registration.summary);
+  PositionPriorSummary& summary = *model->position_priors;
+  if (!summary.is_registered) return std::move(registration.used);
+  const double extent = ExtentOf(*initial);
+  summary.deformation =
+      DeformToPriors({input.scene, input.view_graph, input.pair_is_used,
+                      input.positions, input.is_metric},
+                     context, &registration.used, initial);
+  if (!summary.deformation || IsPlausible(*summary.deformation, extent)) {
+    return std::move(registration.used);
+  }
+  summary.message = Formatted(
+      "the positions would deform the model by %.4g, but its extent "
+      "is only %.4g; they are ignored",
+      summary.deformation->max_shift, extent);
+  summary.is_registered = false;
+  *initial = unregistered;
+  return {};
+}
+
+void JudgeFocalLengths(const AdjustmentInput& input,
+                       const BundlePriors& used_priors,
+                       const MapperOptions& options, const Context& context,
+                       MapperModel* model) {
+  model->focal_lengths =
+      CheckFocalLengths(input.scene, model->reconstruction,
+                        options.bundle_adjustment, context, used_priors);
+}
+
+// Scales the model by the known distance of two sensors, unless its unit of
+// length is defined already.
+void ScaleToBaseline(const AdjustmentInput& input, bool has_world,
+                     const MapperOptions& options, const Context& context,
+                     MapperModel* model) {
+  const auto baseline = ParseMetricScale(options.metric_scale, input.scene);
+  if (!baseline) return;
+  if (has_world || input.is_metric) {
+    context.Warning(
+        "metric_scale is not used: positions, a known rig or the extended "
+        "model define the unit of length");
+    return;
+  }
+  model->metres_per_unit = MetresPerUnit(*baseline, model->reconstruction);
+  if (!model->metres_per_unit) {
+    context.Warning(
+        "metric_scale is not used: the model has not the poses of both "
+        "cameras, or they coincide");
+    return;
+  }
+  Sim3 metric_from_model;
+  metric_from_model.scale = *model->metres_per_unit;
+  TransformWorld(metric_from_model, &model->reconstruction);
+}
+
+// Accelerometers at rest measure the opposite of gravity.
+void WarnIfUpsideDown(const GravityPriors& gravity, const Context& context) {
+  size_t num_up = 0;
+  for (const auto& direction : gravity.images) {
+    if (!direction || std::abs(direction->y()) < 0.5) continue;
+    if (direction->y() > 0.0) return;
+    ++num_up;
+  }
+  if (num_up == 0) return;
+  context.Warning("all " + std::to_string(num_up) +
+                  " steep directions of gravity point to the top of their "
+                  "images; unless the cameras are upside down, these are "
+                  "accelerations: give the opposite directions");
+}
+
+// Moves the model to its final world frame.
+void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
+                  const Context& context, MapperModel* model) {
+  const bool is_registered =
+      model->position_priors && model->position_priors->is_registered;
+  const bool is_at_start = input.start != nullptr && !is_registered;
+  if (is_at_start && input.held.frames.empty()) {
+    TransformWorld(AlignToModel(input.scene, *input.start,
+                                model->reconstruction, input.is_metric),
+                   &model->reconstruction);
+  }
+  ScaleToBaseline(input, is_registered || is_at_start, options, context, model);
+  model->gravity = LevelModel(
+      input.scene, input.gravity, is_registered || is_at_start,
+      options.rotation_averaging.gravity_sigma_deg, &model->reconstruction);
+  if (model->gravity) {
+    context.Info("gravity: " + std::to_string(model->gravity->num_priors) +
+                 " priors, " + std::to_string(model->gravity->outliers.size()) +
+                 " outliers");
+    WarnIfUpsideDown(input.gravity, context);
+  }
+}
+
+// The candidates for bundle adjustment. It asks for them once per round.
+CandidateSource MakeObservedSource(const AdjustmentInput& input,
+                                   const MapperOptions& options,
+                                   const Context& context) {
+  CandidateSource source =
+      MakeCandidateSource(input.scene, input.view_graph, input.matches,
+                          input.pair_is_used, options, context);
+  if (!input.observer) return source;
+  return {[groups = std::move(source.groups), observer = input.observer](
+              const Reconstruction& model, double max_error_px) {
+            observer(model);
+            return groups(model, max_error_px);
+          },
+          source.matches};
+}
+
+std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
+                                        const MapperOptions& options,
+                                        const Context& context,
+                                        const Reconstruction& model) {
+  const auto candidates = [&](const Scene& separate) {
+    return MakeCandidateSource(separate, input.view_graph, input.matches,
+                               input.pair_is_used, options, context);
+  };
+  RigMeasurements measured{TimesOfFrames(input.scene), {}};
+  if (const auto baseline =
+          ParseMetricScale(options.metric_scale, input.scene)) {
+    measured.known_distances = baseline->sensor_idxs;
+  }
+  return EstimateRigDelays(input.scene, measured, candidates, model,
+                           options.bundle_adjustment, context);
+}
+
+// Bundle adjustment. Drops the rig from `priors` if the evidence of the model
+// contradicts it.
+void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
+                     const Context& context, Reconstruction initial,
+                     BundlePriors* priors, MapperModel* model) {
+  const auto refine = [&](const char* name, Reconstruction start) {
+    const RunningStage stage(name, context);
+    BundleResult refined = RefineReconstruction(
+        input.scene, MakeObservedSource(input, options, context),
+        std::move(start), options.bundle_adjustment, context,
+        {*priors, input.held});
+    stage.Finish(&model->times);
+    return refined;
+  };
+  BundleResult bundle = refine("bundle adjustment", std::move(initial));
+  model->rig_differences.clear();
+  model->has_shared_unit =
+      input.calibration && input.calibration->SharesUnit(priors->calibration);
+  if (!priors->calibration.sensors.empty()) {
+    const auto prior = std::exchange(priors->calibration.sensors, {});
+    BundleResult released =
+        refine("bundle adjustment without prior", bundle.estimate);
+    model->rig_differences = input.calibration->FindDifferences(
+        released.estimate, *priors, options.bundle_adjustment, context, [&] {
+          return EstimateDelays(input, options, context, released.estimate);
+        });
+    if (model->rig_differences.empty()) {
+      priors->calibration.sensors = prior;
+    } else {
+      bundle = std::move(released);
+      model->has_shared_unit = false;
+    }
+  }
+  model->bundle = std::move(bundle.summary);
+  model->reconstruction = std::move(bundle.estimate);
+}
+
+void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
+                    const MapperOptions& options, const Context& context,
+                    MapperModel* model) {
+  const Scene& scene = input.scene;
+  if (options.compute_covariances) {
+    const RunningStage stage("covariances", context);
+    model->covariances =
+        ComputeCovariances(scene, model->reconstruction,
+                           options.bundle_adjustment, context, priors);
+    stage.Finish(&model->times);
+  }
+  if (!model->delays || !model->covariances || !model->covariances->is_usable) {
+    return;
+  }
+  AddRigErrors(scene, model->reconstruction, *model->delays,
+               &*model->covariances);
+  ListUnobservable(scene, model->reconstruction, context, &*model->covariances);
+  const std::string message =
+      DescribeUnobservable(scene, model->reconstruction, *model->covariances);
+  if (!message.empty()) context.Warning(message);
+}
+
+}  // namespace
+
+void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
+                 const Context& context, Reconstruction initial,
+                 MapperModel* model) {
+  const Scene& scene = input.scene;
+  BundlePriors used_priors;
+  if (input.calibration) {
+    used_priors.calibration =
+        input.calibration->PriorFor(FramesWith(initial.rig_from_world));
+    StartAtPrior(used_priors.calibration, &initial);
+  }
+  if (!input.positions.IsEmpty()) {
+    used_priors.positions = MoveToPriors(input, context, &initial, model);
+  }
+  if (const auto gravity = EstimateGravity(
+          scene, input.gravity, options.rotation_averaging.gravity_sigma_deg,
+          initial)) {
+    used_priors.gravity =
+        GravityTerms{input.gravity, gravity->down_in_world, gravity->sigma_rad};
+  }
+  AdjustToMatches(input, options, context, std::move(initial), &used_priors,
+                  model);
+  if (model->position_priors) {
+    EvaluatePositions(scene, input.positions, used_priors.positions,
+                      model->reconstruction, &*model->position_priors);
+    LogPriors(*model->position_priors, context);
+  }
+  JudgeFocalLengths(input, used_priors, options, context, model);
+  if (options.is_for_lenses) return;
+  PlaceInWorld(input, options, context, model);
+  if (input.observer) input.observer(model->reconstruction);
+  const RunningStage stage("delays of cameras", context);
+  model->delays =
+      EstimateDelays(input, options, context, model->reconstruction);
+  stage.Finish(&model->times);
+  AddCovariances(input, used_priors, options, context, model);
+  if (options.soft_rig.method != SoftRig::kNone) {
+    EstimateSoftRigOfModel(input, std::move(used_priors), options, context,
+                           model);
+  }
+}
+
+Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
+                  const Reconstruction& new_model, bool is_metric) {
+  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> centers;
+  Eigen::Vector3d old_mean = Eigen::Vector3d::Zero(), new_mean = old_mean;
+  Eigen::Matrix4d moments = Eigen::Matrix4d::Zero();
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const auto old_pose = old_model.CamFromWorld(scene, static_cast<int>(i));
+    const auto new_pose = new_model.CamFromWorld(scene, static_cast<int>(i));
+    if (!old_pose || !new_pose) continue;
+    centers.emplace_back(old_pose->Center(), new_pose->Center());
+    old_mean += centers.back().first;
+    new_mean += centers.back().second;
+    const Eigen::Vector4d q =
+        (old_pose->rotation.conjugate() * new_pose->rotation).coeffs();
+    moments += q * q.transpose();
+  }
+  Sim3 old_from_new;
+  if (centers.empty()) return old_from_new;
+  old_mean /= static_cast<double>(centers.size());
+  new_mean /= static_cast<double>(centers.size());
+  const Eigen::Vector4d mean_rotation =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(moments)
+          .eigenvectors()
+          .col(3);
+  old_from_new.rotation.coeffs() = mean_rotation;
+  double products = 0.0, squares = 0.0;
+  for (const auto& [old_center, new_center] : centers) {
+    const Eigen::Vector3d turned =
+        old_from_new.rotation * (new_center - new_mean);
+    products += turned.dot(old_center - old_mean);
+    squares += turned.squaredNorm();
+  }
+  if (!is_metric && products > 0.0) old_from_new.scale = products / squares;
+  old_from_new.translation =
+      old_mean - old_from_new.scale * (old_from_new.rotation * new_mean);
+  return old_from_new;
+}
+
+}  // namespace mgsfm

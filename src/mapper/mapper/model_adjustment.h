@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mapper/shared_calibration.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/priors.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// The data that an initial model is adjusted to.
+struct AdjustmentInput {
+  const Scene& scene;
+  const ViewGraph& view_graph;
+  const ViewGraph& matches;  // of the input
+  const PositionPriors& positions;
+  const GravityPriors& gravity;
+  Mask pair_is_used = {};  // those whose matches make tracks
+  bool is_metric = false;  // the first model
+  // The existing model of an extension, or null. It determines the world frame
+  // of the result unless position priors do.
+  const Reconstruction* start = nullptr;
+  FixedPoses held = {};
+  ModelObserver observer = {};  // of the rounds of bundle adjustment
+  SharedCalibration* calibration = nullptr;  // of all models, or null
+};
+
+// Turns an initial model into the final one: registration and deformation to
+// the position priors, bundle adjustment with re-established tracks and the
+// calibration of earlier models as prior, or without it if the evidence of the
+// model contradicts it, alignment to the existing model or to gravity; then the
+// checks of focal lengths, the covariances and the soft rig that the options
+// request. Adds all results to `model`.
+void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
+                 const Context& context, Reconstruction initial,
+                 MapperModel* model);
+
+// old_from_new, aligned by the images of both models: the rotation is the mean
+// of their relative rotations, scale and translation minimise the squared
+// distances of their centres. The scale is 1 if `is_metric` or if all centres
+// coincide.
+Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
+                  const Reconstruction& new_model, bool is_metric);
+
+}  // namespace mgsfm

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Maps pairs of a scene, with the priors of its lenses.
+using SceneMapper = std::function<MapperResult(
+    const Scene& scene, const ViewGraph& matches,
+    const CalibrationPrior& lenses, const MapperOptions& options,
+    const Context& context)>;
+
+// Estimates the lenses without calibration from pairs, then by maps of a part
+// of the scene (lens_calibration.h), and maps all of it with them.
+[[nodiscard]] MapperResult MapWithUnknownLenses(const MapperInput& input,
+                                                const SceneMapper& map_scene,
+                                                const MapperOptions& options,
+                                                const Context& context);
+
+}  // namespace mgsfm

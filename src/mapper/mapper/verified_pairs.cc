@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mapper/verified_pairs.h"
+
+#include <cstddef>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "mapper/stage.h"
+#include "pair_filtering/fixed_regions.h"
+#include "pair_filtering/frame_pair_index.h"
+
+namespace mgsfm {
+namespace {
+
+void VerifyMatches(const char* stage_name, const MapperOptions& options,
+                   const Context& context, VerifiedPairs* pairs,
+                   MapperResult* result) {
+  const RunningStage stage(stage_name, context);
+  ViewGraphResult verified =
+      EstimateViewGraph(pairs->scene, pairs->bearings, pairs->matches(),
+                        options.view_graph, context);
+  stage.Finish(&result->times);
+  pairs->view_graph = std::move(verified.estimate);
+  result->view_graph = verified.summary;
+}
+
+std::vector<FixedRegion> ListFixedRegions(const FixedRegions& regions) {
+  std::vector<FixedRegion> list;
+  for (size_t s = 0; s < regions.of_sensor.size(); ++s) {
+    if (regions.of_sensor[s].empty()) continue;
+    list.push_back({static_cast<int>(s), FixedRegions::kNumRows,
+                    FixedRegions::kNumColumns, regions.of_sensor[s]});
+  }
+  return list;
+}
+
+}  // namespace
+
+VerifiedPairs VerifyAllPairs(const Scene& scene, const ViewGraph& matches,
+                             const MapperOptions& options,
+                             const Context& context, MapperResult* result) {
+  VerifiedPairs pairs{scene, matches};
+  const RunningStage stage("rays", context);
+  pairs.bearings = ComputeBearings(scene, context.num_threads);
+  stage.Finish(&result->times);
+  VerifyMatches("view graph", options, context, &pairs, result);
+  if (!options.pair_filtering.use_fixed_regions) return pairs;
+  const FixedRegions regions =
+      FindFixedRegions(scene, pairs.bearings,
+                       FramePairIndex(scene, pairs.view_graph,
+                                      options.pair_filtering.is_sequence),
+                       pairs.view_graph, options.view_graph.max_error_px);
+  if (!regions.Any()) return pairs;
+  result->fixed_regions = ListFixedRegions(regions);
+  pairs.visible_matches = DropFixedRegions(scene, regions, matches, context);
+  VerifyMatches("visible view graph", options, context, &pairs, result);
+  return pairs;
+}
+
+void UseStaticPairs(const Context& context, MotionOfScene* motion,
+                    VerifiedPairs* pairs) {
+  ViewGraph& view_graph = pairs->view_graph;
+  auto pair_of_scene = std::exchange(motion->pair_of_scene, {});
+  for (size_t i = 0; i < pair_of_scene.size(); ++i) {
+    if (pair_of_scene[i]) view_graph.pairs[i] = std::move(*pair_of_scene[i]);
+  }
+  const size_t num_pairs = motion->pair_is_discontinuous.Count();
+  if (num_pairs == 0) return;
+  context.Info(std::to_string(num_pairs) + " of " +
+               std::to_string(view_graph.pairs.size()) +
+               " image pairs contradict the motion of the rig between their "
+               "frames and are not used");
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+
+#include "mapper/motion_recipe.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// The rays and image pairs of a scene, as all stages after their verification
+// use them.
+struct VerifiedPairs {
+  const Scene& scene;
+  const ViewGraph& all_matches;
+  Bearings bearings = {};
+  ViewGraph view_graph = {};  // relative poses and their inliers
+  // Those outside image regions that are fixed to the rig; nullopt: all.
+  std::optional<ViewGraph> visible_matches = std::nullopt;
+
+  const ViewGraph& matches() const {
+    return visible_matches ? *visible_matches : all_matches;
+  }
+};
+
+// Verifies all matches, and again without those of fixed regions
+// (pair_filtering/fixed_regions.h), if there are any. Adds the summary and the
+// times of the stages to the result.
+[[nodiscard]] VerifiedPairs VerifyAllPairs(const Scene& scene,
+                                           const ViewGraph& matches,
+                                           const MapperOptions& options,
+                                           const Context& context,
+                                           MapperResult* result);
+
+// Moves the pairs of which the static scene is known to the view graph, and
+// logs how many others contradict the motion of the rig.
+void UseStaticPairs(const Context& context, MotionOfScene* motion,
+                    VerifiedPairs* pairs);
+
+}  // namespace mgsfm

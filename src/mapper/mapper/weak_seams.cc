@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mapper/weak_seams.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "bundle_adjustment/relative_covariance.h"
+#include "geometry/so3.h"
+#include "mapper/side_alignment.h"
+#include "mgsfm/base/mask.h"
+#include "seams/motion_jumps.h"
+
+namespace mgsfm {
+namespace {
+
+std::string Count(size_t number, const std::string& noun) {
+  return std::to_string(number) + " " + noun + (number == 1 ? "" : "s");
+}
+
+// Per frame: the set of frames that no seam separates from it. Sets are
+// numbered in the order of their first frames.
+std::vector<int> SegmentsOfFrames(const Scene& scene,
+                                  const std::vector<Seam>& seams) {
+  std::vector<int> segments(scene.frames.size(), 0);
+  for (const Seam& seam : seams) {
+    Mask is_beyond(segments.size(), false);
+    for (const int i : seam.frame_idxs_beyond) is_beyond[i] = true;
+    std::map<std::pair<int, bool>, int> numbers;
+    for (size_t i = 0; i < segments.size(); ++i) {
+      const std::pair<int, bool> key(segments[i], is_beyond[i]);
+      segments[i] =
+          numbers.emplace(key, static_cast<int>(numbers.size())).first->second;
+    }
+  }
+  return segments;
+}
+
+Reconstruction KeepSegment(const Scene& scene,
+                           const std::vector<int>& segment_of_frame,
+                           int segment, Reconstruction model) {
+  for (size_t i = 0; i < segment_of_frame.size(); ++i) {
+    if (segment_of_frame[i] != segment) model.rig_from_world[i].reset();
+  }
+  std::vector<Point3D> points;
+  for (Point3D& point : model.points) {
+    const auto is_elsewhere = [&](const Observation& observation) {
+      return !model.IsRegistered(scene, observation.image_idx);
+    };
+    point.track.erase(
+        std::remove_if(point.track.begin(), point.track.end(), is_elsewhere),
+        point.track.end());
+    if (point.track.size() >= 2) points.push_back(std::move(point));
+  }
+  model.points = std::move(points);
+  return model;
+}
+
+// Segments and their numbers of registered frames.
+std::vector<std::pair<int, int>> CountFrames(
+    const MapperModel& model, const std::vector<int>& segment_of_frame) {
+  std::map<int, int> num_frames;
+  for (size_t i = 0; i < segment_of_frame.size(); ++i) {
+    if (model.reconstruction.rig_from_world[i]) {
+      ++num_frames[segment_of_frame[i]];
+    }
+  }
+  return {num_frames.begin(), num_frames.end()};
+}
+
+// The registered frames in segments of at least min_num_frames of them.
+int NumFramesInSegments(const Scene& scene, const MapperModel& model,
+                        const std::vector<Seam>& seams, int min_num_frames) {
+  int num_left = 0;
+  for (const auto& [segment, number] :
+       CountFrames(model, SegmentsOfFrames(scene, seams))) {
+    if (number >= min_num_frames) num_left += number;
+  }
+  return num_left;
+}
+
+// The used pairs of a segment.
+Mask PairsOfSegment(const AdjustmentInput& input,
+                    const std::vector<int>& segment_of_frame, int segment) {
+  Mask pair_is_used = input.pair_is_used;
+  const auto is_elsewhere = [&](int image_idx) {
+    return segment_of_frame[input.scene.images[image_idx].frame_idx] != segment;
+  };
+  for (size_t i = 0; i < pair_is_used.size(); ++i) {
+    const ImagePair& pair = input.view_graph.pairs[i];
+    if (is_elsewhere(pair.image_idx1) || is_elsewhere(pair.image_idx2)) {
+      pair_is_used[i] = false;
+    }
+  }
+  return pair_is_used;
+}
+
+std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
+                                      const MapperOptions& options,
+                                      const Context& context,
+                                      const std::vector<Seam>& seams,
+                                      const ConfidenceFunction& confidence_of,
+                                      const MapperModel& model) {
+  const Scene& scene = input.scene;
+  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
+  std::vector<std::pair<int, int>> segments =
+      CountFrames(model, segment_of_frame);
+  std::stable_sort(
+      segments.begin(), segments.end(),
+      [](const auto& a, const auto& b) { return a.second > b.second; });
+  std::vector<MapperModel> parts;
+  for (const auto& [segment, num_frames] : segments) {
+    MapperModel part = model;
+    part.reconstruction = KeepSegment(scene, segment_of_frame, segment,
+                                      std::move(part.reconstruction));
+    if (!IsLargeEnough(part, options)) continue;
+    if (input.calibration && !parts.empty()) {
+      input.calibration->Learn(parts.back(), input.positions,
+                               options.bundle_adjustment, context);
+    }
+    AdjustmentInput of_part = input;
+    of_part.pair_is_used = PairsOfSegment(input, segment_of_frame, segment);
+    Reconstruction initial = std::move(part.reconstruction);
+    AdjustModel(of_part, options, context, std::move(initial), &part);
+    if (!IsLargeEnough(part, options)) continue;
+    part.confidence = confidence_of(of_part.pair_is_used, part);
+    parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
+}  // namespace
+
+Confidence EstimateModelConfidence(const ConfidenceInput& input,
+                                   const MapperOptions& options,
+                                   const Context& context) {
+  Confidence confidence = EstimateConfidence(input, options.confidence);
+  std::vector<std::pair<int, int>> frame_pairs;
+  for (const Seam& seam : confidence.seams) {
+    frame_pairs.emplace_back(seam.frame_idx_core, seam.frame_idx_beyond);
+  }
+  const auto covariances = ComputeRelativeCovariances(
+      input.scene, input.reconstruction, options.bundle_adjustment, frame_pairs,
+      context);
+  for (size_t i = 0; i < covariances.size(); ++i) {
+    if (!covariances[i]) continue;
+    const PoseMatrix& covariance = *covariances[i];
+    confidence.seams[i].sigma_rotation_deg =
+        RadToDeg(std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
+    confidence.seams[i].sigma_position =
+        std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+  }
+  return confidence;
+}
+
+std::optional<Finding> DescribeSeams(const Scene& scene,
+                                     const Confidence& confidence) {
+  if (confidence.seams.empty()) return std::nullopt;
+  const Seam& weakest = confidence.seams.front();
+  const size_t num_seams = confidence.seams.size();
+  const size_t num_beyond = weakest.frame_idxs_beyond.size();
+  const std::string& core = scene.frames[weakest.frame_idx_core].name;
+  const std::string& beyond = scene.frames[weakest.frame_idx_beyond].name;
+  const std::string text =
+      "the model can be wrong at " + Count(num_seams, "weak seam") +
+      "; at the weakest, between frames '" + core + "' and '" + beyond + "', " +
+      Count(weakest.num_tracks, "point") + " (" +
+      std::to_string(weakest.num_ties) + " of at least two frames on either " +
+      "side) and " + std::to_string(weakest.num_confirmed) +
+      " matches connect " + Count(num_beyond, "frame") + " to the others, " +
+      std::to_string(weakest.num_against) + " matches contradict them";
+  return Finding{Cause::kWeakSeams,
+                 {},
+                 {core, beyond},
+                 {{"num_seams", static_cast<double>(num_seams)},
+                  {"num_tracks", weakest.num_tracks},
+                  {"num_ties", weakest.num_ties},
+                  {"num_confirmed_matches", weakest.num_confirmed},
+                  {"num_matches_against", weakest.num_against}},
+                 text,
+                 "look at the images there, match more frames across the seam, "
+                 "or split the model at its seams"};
+}
+
+std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
+                               const MapperOptions& options) {
+  if (options.weak_seams == WeakSeams::kSplit) return model.confidence.seams;
+  const bool has_world =
+      model.position_priors && model.position_priors->is_registered;
+  std::vector<Seam> unconnected, wrong;
+  for (const Seam& seam : model.confidence.seams) {
+    const bool is_unconnected = !seam.sigma_position && !has_world;
+    if (is_unconnected) unconnected.push_back(seam);
+    if (is_unconnected || seam.reason == SeamReason::kJump) {
+      wrong.push_back(seam);
+    }
+  }
+  if (options.weak_seams == WeakSeams::kKeep) return unconnected;
+  const int num_registered = NumFramesInSegments(scene, model, {}, 0);
+  const int num_left =
+      NumFramesInSegments(scene, model, wrong, options.min_num_frames);
+  return 2 * num_left < num_registered ? unconnected : wrong;
+}
+
+std::vector<MapperModel> TestSeams(
+    const FramePairIndex& index,
+    const std::vector<std::optional<Rigid3>>& pair_on_path,
+    const MapperOptions& options, const Context& context, AdjustmentInput input,
+    MapperModel model) {
+  const auto confidence_of = [&](const Mask& pair_is_used,
+                                 const MapperModel& adjusted) {
+    const Reconstruction& reconstruction = adjusted.reconstruction;
+    const ComparedMotions motions = CompareMotions(
+        input.scene, index, input.view_graph, pair_on_path, reconstruction);
+    return EstimateModelConfidence(
+        {input.scene, index, input.view_graph, pair_is_used,
+         adjusted.rejected_groups, reconstruction, motions.jumps,
+         motions.confirmed},
+        options, context);
+  };
+  model.confidence = confidence_of(input.pair_is_used, model);
+  RealignSides(index, options, context, confidence_of, &input, &model);
+  const std::vector<Seam> seams = SeamsToSplit(input.scene, model, options);
+  if (seams.empty()) return {std::move(model)};
+  context.Info("the model is split at " + std::to_string(seams.size()) +
+               " of its weak seams");
+  return SplitAtSeams(input, options, context, seams, confidence_of, model);
+}
+
+bool IsLargeEnough(const MapperModel& model, const MapperOptions& options) {
+  const auto& poses = model.reconstruction.rig_from_world;
+  const auto num_frames =
+      std::count_if(poses.begin(), poses.end(),
+                    [](const auto& pose) { return pose.has_value(); });
+  return num_frames >= options.min_num_frames &&
+         !model.reconstruction.points.empty();
+}
+
+}  // namespace mgsfm

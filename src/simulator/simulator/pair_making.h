@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "simulator/pair_selection.h"
+#include "simulator/weak_cuts.h"
+
+namespace mgsfm {
+
+struct MadePair {
+  ImagePair pair;
+  PairKind kind;
+  std::vector<Match> raw_matches;
+};
+
+// Simulates matching and two-view verification: matches of common points,
+// mismatches and outliers, verified matches and the estimated relative pose.
+class PairMaker {
+ public:
+  // All arguments must outlive this object.
+  PairMaker(const SimulationOptions& options,
+            const std::vector<SimulatedCamera>& rig, const World& world,
+            const Vehicles* vehicles, const Detector& detector,
+            const WeakCuts& weak_cuts, const Photographs& photographs);
+
+  // nullopt if there are too few common points or verified matches.
+  std::optional<MadePair> Make(const PairPlan& plan) const;
+
+  // The same for matches that follow a relative pose of any kind.
+  std::optional<MadePair> Verify(int image1, int image2, PairKind kind,
+                                 const Rigid3& cam2_from_cam1,
+                                 std::vector<Match> raw_matches) const;
+
+  // Converts pixels to an angle, averaged over both images.
+  double ErrorInRadians(int image1, int image2, double error_px) const;
+
+ private:
+  struct Hypothesis {
+    PairKind kind;
+    Rigid3 cam2_from_cam1;
+    std::vector<Match> inliers;
+  };
+
+  void MoveAlongEpipolarLines(const PairPlan& plan,
+                              const Rigid3& cam2_from_cam1,
+                              std::vector<Match>* matches) const;
+  std::optional<MadePair> MakeRandomPair(const PairPlan& plan,
+                                         std::vector<Match> matches) const;
+  bool Passes(const Rigid3& cam2_from_cam1, int image1, int image2,
+              const Match& match, double max_error_rad) const;
+  std::vector<Match> Inliers(const Rigid3& cam2_from_cam1, int image1,
+                             int image2,
+                             const std::vector<Match>& matches) const;
+  std::optional<Hypothesis> MotionOfVehicle(
+      int image1, int image2, const std::vector<Match>& matches) const;
+  MadePair Finish(int image1, int image2, Hypothesis hypothesis) const;
+  Rigid3 Estimate(int image1, int image2, const Hypothesis& hypothesis) const;
+  bool IsPanoramic(int image1, int image2, const Hypothesis& hypothesis) const;
+  uint64_t KeyOf(int image1, int image2) const;
+
+  const SimulationOptions& options_;
+  const std::vector<SimulatedCamera>& rig_;
+  const World& world_;
+  const Vehicles* vehicles_;
+  const Detector& detector_;
+  const WeakCuts& weak_cuts_;
+  const Photographs& photographs_;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "bundle_adjustment/bundle_problem.h"
+
+namespace mgsfm {
+
+// Solves the same problem with Ceres, numeric derivatives and a different
+// parametrisation. Rotations must be completely free or constant, intrinsics
+// constant. Returns the final cost.
+double SolveWithCeres(const BundleProblem& problem, BundleState* state);
+
+}  // namespace mgsfm

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "input_check/focal_lengths.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "estimation/input_check/sound_drive.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+
+Simulation DriveWithFactor(double factor, PathPreset path) {
+  Simulation drive = SoundDrive(RigPreset::kStereo, path);
+  for (Camera& camera : drive.scene.cameras) {
+    camera.has_prior_focal_length = true;
+    for (const int i : FindCameraModel(static_cast<int32_t>(camera.model))
+                           ->focal_length_idxs) {
+      camera.params[i] *= factor;
+    }
+  }
+  return drive;
+}
+
+std::vector<Finding> Check(const Simulation& drive) {
+  return CheckTrustedFocalLengths(drive.scene, drive.view_graph, Context());
+}
+
+TEST(TrustedFocalLengthsTest, CorrectOnesPass) {
+  for (const PathPreset path : {PathPreset::kCurve, PathPreset::kLoop,
+                                PathPreset::kStraight, PathPreset::kStanding}) {
+    EXPECT_THAT(Check(DriveWithFactor(1.0, path)), IsEmpty());
+  }
+}
+
+TEST(TrustedFocalLengthsTest, WrongOnesAreNamedWithTheirCamera) {
+  for (const double factor : {0.7, 1.3}) {
+    const auto findings = Check(DriveWithFactor(factor, PathPreset::kLoop));
+    ASSERT_THAT(CausesOf(findings), ElementsAre(Cause::kWrongFocalLength,
+                                                Cause::kWrongFocalLength));
+    EXPECT_THAT(findings[0].cameras, ElementsAre("cam0"));
+    EXPECT_NEAR(findings[0].evidence[1].second * factor /
+                    findings[0].evidence[0].second,
+                1.0, 0.05);
+  }
+}
+
+TEST(TrustedFocalLengthsTest, AnEstimateInTheOtherDirectionRefutesADoubt) {
+  const auto findings = Check(DriveWithFactor(0.7, PathPreset::kLoop));
+  ASSERT_FALSE(findings.empty());
+  const double log_error = -std::log(0.7);
+  EXPECT_TRUE(ContradictsFocalLength(findings[0], log_error));
+  EXPECT_FALSE(ContradictsFocalLength(findings[0], -log_error));
+  EXPECT_FALSE(ContradictsFocalLength(findings[0], 0.0));
+}
+
+// A model moves its focal lengths less than the pairs.
+TEST(TrustedFocalLengthsTest, HalfOfTheBoundConfirmsADoubt) {
+  const auto findings = Check(DriveWithFactor(0.7, PathPreset::kLoop));
+  ASSERT_FALSE(findings.empty());
+  EXPECT_TRUE(ContradictsFocalLength(findings[0], 0.51 * std::log(1.15)));
+  EXPECT_FALSE(ContradictsFocalLength(findings[0], 0.49 * std::log(1.15)));
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "matching/descriptor_matching.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "frontend/matching/test_descriptors.h"
+#include "matching/dot_tiles.h"
+#include "matching/nearest_two.h"
+
+namespace mgsfm {
+
+inline bool operator==(const Match& a, const Match& b) {
+  return a.keypoint_idx1 == b.keypoint_idx1 &&
+         a.keypoint_idx2 == b.keypoint_idx2;
+}
+
+namespace {
+
+double Angle(const uint8_t* a, const uint8_t* b) {
+  double dot = 0.0;
+  for (size_t k = 0; k < DescriptorView::kDim; ++k) {
+    dot += static_cast<double>(a[k]) * static_cast<double>(b[k]);
+  }
+  return std::acos(std::min(1.0, dot / (512.0 * 512.0)));
+}
+
+// The descriptor of `to` that `from` accepts, in double precision; -1: none.
+int Nearest(const uint8_t* from, DescriptorView to, double max_ratio,
+            double max_distance) {
+  double best = std::acos(0.0), second = std::acos(0.0);
+  int best_idx = -1;
+  for (size_t j = 0; j < to.size; ++j) {
+    const double angle = Angle(from, to.Row(j));
+    if (best_idx < 0 || angle < best) {
+      if (best_idx >= 0) second = best;
+      best = angle;
+      best_idx = static_cast<int>(j);
+    } else {
+      second = std::min(second, angle);
+    }
+  }
+  return best <= max_distance && best < max_ratio * second ? best_idx : -1;
+}
+
+std::vector<Match> BruteForce(DescriptorView a, DescriptorView b,
+                              const DescriptorMatchingOptions& options) {
+  std::vector<Match> matches;
+  for (size_t i = 0; i < a.size; ++i) {
+    const int j = Nearest(a.Row(i), b, options.max_ratio, options.max_distance);
+    if (j < 0) continue;
+    if (options.cross_check &&
+        Nearest(b.Row(j), a, options.max_ratio, options.max_distance) !=
+            static_cast<int>(i)) {
+      continue;
+    }
+    matches.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(j)});
+  }
+  return matches;
+}
+
+struct Sizes {
+  size_t a, b;
+};
+
+class DescriptorMatchingTest : public testing::TestWithParam<Sizes> {};
+
+TEST_P(DescriptorMatchingTest, AgreesWithBruteForceInDoubles) {
+  Random random(7);
+  for (const double noise : {2.0, 12.0}) {
+    const TestDescriptors a = RandomDescriptors(GetParam().a, &random);
+    const TestDescriptors b = PartlyMatching(a, GetParam().b, noise, &random);
+    for (const bool cross_check : {true, false}) {
+      DescriptorMatchingOptions options;
+      options.cross_check = cross_check;
+      EXPECT_EQ(MatchDescriptors(a.View(), b.View(), options),
+                BruteForce(a.View(), b.View(), options));
+    }
+  }
+}
+
+// Sizes around those of tiles and panels.
+INSTANTIATE_TEST_SUITE_P(Sizes, DescriptorMatchingTest,
+                         testing::Values(Sizes{0, 0}, Sizes{0, 5}, Sizes{5, 0},
+                                         Sizes{1, 1}, Sizes{6, 16},
+                                         Sizes{7, 17}, Sizes{59, 33},
+                                         Sizes{61, 15}, Sizes{187, 210},
+                                         Sizes{240, 160}, Sizes{250, 30},
+                                         Sizes{20, 4110}));
+
+TEST(DescriptorMatching, SwappedImagesGiveSwappedMatches) {
+  Random random(3);
+  const TestDescriptors a = RandomDescriptors(150, &random);
+  const TestDescriptors b = PartlyMatching(a, 170, 10.0, &random);
+  const DescriptorMatchingOptions options;
+  const auto matches = MatchDescriptors(a.View(), b.View(), options);
+  auto swapped = MatchDescriptors(b.View(), a.View(), options);
+  for (Match& match : swapped)
+    std::swap(match.keypoint_idx1, match.keypoint_idx2);
+  std::sort(swapped.begin(), swapped.end(), [](const Match& x, const Match& y) {
+    return x.keypoint_idx1 < y.keypoint_idx1;
+  });
+  EXPECT_GT(matches.size(), 30u);
+  EXPECT_EQ(matches, swapped);
+}
+
+// Families of similar descriptors, so that many decisions are close.
+TEST(DescriptorMatching, CloseDecisionsAreExact) {
+  Random random(4);
+  const TestDescriptors ancestors = RandomDescriptors(25, &random);
+  TestDescriptors a, b;
+  for (int i = 0; i < 250; ++i) {
+    const double noise = random.Uniform(4.0, 24.0);
+    const auto* row = ancestors.View().Row(i % ancestors.size());
+    a.AddNoisyCopy(row, noise, &random);
+    b.AddNoisyCopy(a.View().Row(a.size() - 1), 0.2 * noise, &random);
+  }
+  for (const bool cross_check : {true, false}) {
+    for (const double max_ratio : {0.7, 0.9, 1.0}) {
+      DescriptorMatchingOptions options;
+      options.cross_check = cross_check;
+      options.max_ratio = max_ratio;
+      const auto matches = MatchDescriptors(a.View(), b.View(), options);
+      EXPECT_GE(matches.size(), 5u);
+      EXPECT_EQ(matches, BruteForce(a.View(), b.View(), options));
+    }
+  }
+}
+
+// Norms other than SIFT's: small, and so large that 16-bit sums overflow.
+TEST(DescriptorMatching, AcceptsAnyNorm) {
+  Random random(8);
+  for (const uint32_t size : {2u, 30u, 256u}) {
+    TestDescriptors a, b;
+    for (auto* descriptors : {&a, &b}) {
+      for (size_t k = 0; k < 60 * DescriptorView::kDim; ++k) {
+        descriptors->values.push_back(static_cast<uint8_t>(random.Index(size)));
+      }
+    }
+    DescriptorMatchingOptions options;
+    options.max_ratio = 1.0;
+    options.max_distance = 2.0;
+    EXPECT_EQ(MatchDescriptors(a.View(), b.View(), options),
+              BruteForce(a.View(), b.View(), options));
+  }
+}
+
+TEST(DescriptorMatching, LargestValuesDoNotOverflow) {
+  TestDescriptors bright;
+  bright.values.assign(3 * DescriptorView::kDim, 255);
+  std::vector<TwoNearest> of_1, of_2;
+  FindTwoNearest(bright.View(), bright.View(), &of_1, &of_2);
+  for (const auto& nearest : {of_1, of_2}) {
+    for (const TwoNearest& two : nearest) {
+      EXPECT_EQ(two.best_dot, 255 * 255 * 128);
+      EXPECT_EQ(two.second_dot, 255 * 255 * 128);
+      EXPECT_EQ(two.best_idx, 0);  // the first of equal ones
+    }
+  }
+}
+
+TEST(DescriptorMatching, RepeatedDescriptorsAreAmbiguous) {
+  Random random(5);
+  const TestDescriptors a = RandomDescriptors(20, &random);
+  TestDescriptors b = a;
+  const auto repeat = [&](size_t i) {
+    b.values.insert(b.values.end(), a.View().Row(i), a.View().Row(i + 1));
+  };
+  repeat(4);
+  const auto matches = MatchDescriptors(a.View(), b.View(), {});
+  ASSERT_EQ(matches.size(), 19u);
+  for (const Match& match : matches) EXPECT_NE(match.keypoint_idx1, 4u);
+}
+
+TEST(DescriptorMatching, UsesTheFirstDescriptorsOnly) {
+  Random random(6);
+  const TestDescriptors a = RandomDescriptors(30, &random);
+  DescriptorMatchingOptions options;
+  options.max_num_matches = 12;
+  const auto matches = MatchDescriptors(a.View(), a.View(), options);
+  ASSERT_EQ(matches.size(), 12u);
+  EXPECT_EQ(matches.back().keypoint_idx2, 11u);
+}
+
+TEST(DotTiles, FastAndPortableAgree) {
+  Random random(11);
+  std::vector<int16_t> rows(internal::kTileRows * internal::kNumDims);
+  std::vector<int16_t> columns(internal::ExactTileFunctions::kBlockSize);
+  for (auto* values : {&rows, &columns}) {
+    for (int16_t& value : *values) {
+      value = static_cast<int16_t>(random.Index(256));
+    }
+  }
+  const auto fast = internal::FastestTileFunctions();
+  const auto portable = internal::PortableTileFunctions();
+  constexpr int kSize = internal::kTileRows * internal::kTileColumns;
+  std::vector<int32_t> fast_tile(kSize), portable_tile(kSize);
+  fast.multiply(rows.data(), columns.data(), fast_tile.data());
+  portable.multiply(rows.data(), columns.data(), portable_tile.data());
+  EXPECT_EQ(fast_tile, portable_tile);
+  int32_t expected = 0;
+  for (int k = 0; k < internal::kNumDims; ++k) {
+    expected += rows[2 * internal::kNumDims + k] *
+                columns[(k / 2 * internal::kTileColumns + 5) * 2 + k % 2];
+  }
+  EXPECT_EQ(fast_tile[2 * internal::kTileColumns + 5], expected);
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Duplicate structures: pairs of images of different places whose matches are
+// exact and consistent with each other, as those of equal facades.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/simulator/simulation.h"
+#include "support/model_comparison.h"
+
+namespace mgsfm {
+namespace {
+
+struct Copies {
+  int first_frame_idx;       // of the frames that see the original
+  int first_copy_frame_idx;  // of those that see the copy in the same way
+  int num_frames;
+};
+
+// Duplicates half of the points that one range of frames sees in front of
+// another range, and matches images of the duplicate with those of the
+// original.
+class CopyMaker {
+ public:
+  CopyMaker(const Copies& copies, Simulation* simulation)
+      : copies_(copies),
+        scene_(simulation->scene),
+        view_graph_(simulation->view_graph) {}
+
+  // Returns the number of wrong pairs.
+  int Run() {
+    first_copied_keypoint_.resize(scene_.images.size());
+    for (size_t i = 0; i < scene_.images.size(); ++i) {
+      const int copy_idx = CopyOf(static_cast<int>(i));
+      if (copy_idx < 0) continue;
+      auto& copied = scene_.images[copy_idx].keypoints_px;
+      first_copied_keypoint_[i] = static_cast<uint32_t>(copied.size());
+      const auto keypoints = scene_.images[i].keypoints_px;
+      copied.insert(copied.end(), keypoints.begin(), keypoints.end());
+    }
+    const std::vector<ImagePair> true_pairs = view_graph_.pairs;
+    for (const ImagePair& pair : true_pairs) {
+      const int copy1 = CopyOf(pair.image_idx1);
+      const int copy2 = CopyOf(pair.image_idx2);
+      if (copy1 >= 0 && copy2 >= 0) AddMatches(pair, copy1, copy2);
+      if (copy1 >= 0) AddPair(pair, copy1, pair.image_idx2);
+      if (copy2 >= 0) AddPair(pair, pair.image_idx1, copy2);
+    }
+    std::sort(view_graph_.pairs.begin(), view_graph_.pairs.end(),
+              [](const ImagePair& a, const ImagePair& b) {
+                return std::pair(a.image_idx1, a.image_idx2) <
+                       std::pair(b.image_idx1, b.image_idx2);
+              });
+    return static_cast<int>(view_graph_.pairs.size() - true_pairs.size());
+  }
+
+ private:
+  int CopyOf(int image_idx) const {
+    const Image& image = scene_.images[image_idx];
+    const int offset = image.frame_idx - copies_.first_frame_idx;
+    if (offset < 0 || offset >= copies_.num_frames) return -1;
+    const Frame& frame = scene_.frames[copies_.first_copy_frame_idx + offset];
+    for (const int idx : frame.image_idxs) {
+      if (scene_.images[idx].sensor_idx == image.sensor_idx) return idx;
+    }
+    return -1;
+  }
+
+  // The motion of the original pair, for images that may show the duplicate.
+  std::vector<Match> CopiedMatches(const ImagePair& pair, int image_idx1,
+                                   int image_idx2) const {
+    std::vector<Match> matches;
+    for (Match match : pair.matches) {
+      if (match.keypoint_idx2 % 2 != 0) continue;
+      if (image_idx1 != pair.image_idx1) {
+        match.keypoint_idx1 += first_copied_keypoint_[pair.image_idx1];
+      }
+      if (image_idx2 != pair.image_idx2) {
+        match.keypoint_idx2 += first_copied_keypoint_[pair.image_idx2];
+      }
+      matches.push_back(match);
+    }
+    return matches;
+  }
+
+  void AddMatches(const ImagePair& original, int image_idx1, int image_idx2) {
+    for (ImagePair& pair : view_graph_.pairs) {
+      if (pair.image_idx1 != image_idx1 || pair.image_idx2 != image_idx2) {
+        continue;
+      }
+      const auto matches = CopiedMatches(original, image_idx1, image_idx2);
+      pair.matches.insert(pair.matches.end(), matches.begin(), matches.end());
+    }
+  }
+
+  void AddPair(const ImagePair& original, int image_idx1, int image_idx2) {
+    ImagePair pair;
+    pair.image_idx1 = std::min(image_idx1, image_idx2);
+    pair.image_idx2 = std::max(image_idx1, image_idx2);
+    pair.config = TwoViewConfig::kCalibrated;
+    pair.matches = CopiedMatches(original, image_idx1, image_idx2);
+    if (image_idx1 > image_idx2) {
+      for (Match& match : pair.matches) {
+        std::swap(match.keypoint_idx1, match.keypoint_idx2);
+      }
+    }
+    view_graph_.pairs.push_back(std::move(pair));
+  }
+
+  const Copies copies_;
+  Scene& scene_;
+  ViewGraph& view_graph_;
+  std::vector<uint32_t> first_copied_keypoint_;  // per original image
+};
+
+SimulationOptions Drive(RigPreset rig, PathPreset path) {
+  SimulationOptions options;
+  options.rig = rig;
+  options.path = path;
+  options.num_frames = 60;
+  options.num_points_per_frame = 80;
+  options.max_num_features_per_image = 200;
+  options.pixel_noise_px = 0.5;
+  return options;
+}
+
+void ExpectNamed(const Copies& copies, const MapperModel& model) {
+  ASSERT_FALSE(model.rejected_groups.empty());
+  const RejectedGroup& group = model.rejected_groups.front();
+  // Neighbours of the frames are also matched with the duplicates.
+  constexpr int kReach = 3;
+  EXPECT_GE(group.first_frame_idx1, copies.first_frame_idx - kReach);
+  EXPECT_LE(group.last_frame_idx1,
+            copies.first_frame_idx + copies.num_frames - 1 + kReach);
+  EXPECT_GE(group.first_frame_idx2, copies.first_copy_frame_idx);
+  EXPECT_LE(group.last_frame_idx2,
+            copies.first_copy_frame_idx + copies.num_frames - 1);
+}
+
+class AliasingTest
+    : public testing::TestWithParam<std::pair<RigPreset, PathPreset>> {};
+
+TEST_P(AliasingTest, EqualFacadesDoNotFoldTheRoad) {
+  Simulation simulation = Simulate(Drive(GetParam().first, GetParam().second));
+  const Copies copies{8, 40, 4};
+  const size_t num_true_pairs = simulation.view_graph.pairs.size();
+  const int num_wrong_pairs = CopyMaker(copies, &simulation).Run();
+  ASSERT_GT(num_wrong_pairs, static_cast<int>(num_true_pairs / 20));
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, MapperOptions(), Context());
+  ASSERT_EQ(result.models.size(), 1u);
+  EXPECT_TRUE(result.unregistered_frames.empty());
+  EXPECT_LT(CompareModels(simulation.scene, result.models[0].reconstruction,
+                          simulation.ground_truth)
+                .max_position,
+            0.3);
+  ExpectNamed(copies, result.models[0]);
+  EXPECT_EQ(result.models[0].rejected_groups[0].pair_idxs.size(),
+            num_wrong_pairs);
+}
+
+// Single pairs with hardly any matches can deviate by their noise alone.
+TEST_P(AliasingTest, ADriveWithoutDuplicatesHasNoLargeRejectedGroups) {
+  constexpr size_t kFew = 5;
+  const Simulation simulation =
+      Simulate(Drive(GetParam().first, GetParam().second));
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, MapperOptions(), Context());
+  ASSERT_EQ(result.models.size(), 1u);
+  for (const RejectedGroup& group : result.models[0].rejected_groups) {
+    EXPECT_LT(group.pair_idxs.size(), kFew);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    RigsAndPaths, AliasingTest,
+    testing::Values(std::pair(RigPreset::kMono, PathPreset::kStraight),
+                    std::pair(RigPreset::kMono, PathPreset::kCurve),
+                    std::pair(RigPreset::kStereo, PathPreset::kStraight),
+                    std::pair(RigPreset::kStereo, PathPreset::kCurve),
+                    std::pair(RigPreset::kKitti360, PathPreset::kStraight)));
+
+}  // namespace
+}  // namespace mgsfm
