@@ -17,6 +17,18 @@ from .options import OptionsLike, to_texts
 IntArray = npt.NDArray[np.int32]
 
 
+def _integers(values: npt.ArrayLike, name: str) -> IntArray:
+    given = np.asarray(values)
+    with np.errstate(invalid="ignore"):
+        converted: IntArray = given.astype(np.int32)
+    different = np.argwhere(converted != given)
+    if len(different):
+        at = tuple(int(i) for i in different[0])
+        raise _core.InputError(
+            f"{name}{list(at)} is {given[at]}; must be an integer of 32 bits")
+    return converted
+
+
 class ViewGraph:
     """Relative poses of pairs of images.
 
@@ -38,18 +50,18 @@ class ViewGraph:
                  rotations: npt.ArrayLike,
                  translations: Optional[npt.ArrayLike] = None,
                  num_matches: Optional[npt.ArrayLike] = None) -> None:
-        self.frame_idxs: IntArray = np.asarray(frame_idxs, np.int32)
-        self.pairs: IntArray = np.asarray(pairs, np.int32)
+        self.frame_idxs: IntArray = _integers(frame_idxs, "frame_idxs")
+        self.pairs: IntArray = _integers(pairs, "pairs")
         self.rotations: FloatArray = np.asarray(rotations, np.float64)
         self.sensor_idxs: IntArray = (
             np.zeros_like(self.frame_idxs) if sensor_idxs is None
-            else np.asarray(sensor_idxs, np.int32))
+            else _integers(sensor_idxs, "sensor_idxs"))
         self.translations: FloatArray = (
             np.full((len(self.pairs), 3), np.nan) if translations is None
             else np.asarray(translations, np.float64))
         self.num_matches: IntArray = (
             np.ones(len(self.pairs), np.int32) if num_matches is None
-            else np.asarray(num_matches, np.int32))
+            else _integers(num_matches, "num_matches"))
 
     def _arrays(self) -> Dict[str, Any]:
         return dict(vars(self))

@@ -183,6 +183,9 @@ def test_one_camera():
     ({"frame_idxs": [0, -1]}, "out of range"),
     ({"frame_idxs": [0, 0]}, "same frame and sensor"),
     ({"num_matches": [1, 2]}, r"shape \(1,\)"),
+    ({"pairs": [[0, 1.5]]}, r"pairs\[0, 1\] is 1.5; must be an integer"),
+    ({"frame_idxs": [0, np.nan]}, r"frame_idxs\[1\] is nan"),
+    ({"frame_idxs": [0, 2**40]}, r"frame_idxs\[1\] is 1099511627776"),
 ])
 def test_bad_input(change, message):
     arguments = {"frame_idxs": [0, 1], "sensor_idxs": None, "pairs": [[0, 1]],
