@@ -11,10 +11,10 @@
 #include <regex>
 #include <sstream>
 
+#include "addons/exchange/exchange_fixture.h"
 #include "exchange/exchange_formats.h"
 #include "geometry/geodetic.h"
 #include "geometry/so3.h"
-#include "io/exchange_fixture.h"
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/trajectory_io.h"
 #include "mgsfm/rigs/rig_config.h"

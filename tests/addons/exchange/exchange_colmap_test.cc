@@ -8,7 +8,7 @@
 #include <set>
 #include <sstream>
 
-#include "io/exchange_fixture.h"
+#include "addons/exchange/exchange_fixture.h"
 #include "mgsfm/models/model_io.h"
 #include "support/subprocess.h"
 
