@@ -101,7 +101,7 @@ function(mgsfm_find_system_libraries)
     mgsfm_find_optional_av()
   endif()
   if("mgsfm_flann" IN_LIST ARGN)
-    # FLANN consists of templates, whose serialisation refers to LZ4.
+    # FLANN consists of templates, whose serialization refers to LZ4.
     mgsfm_find_library(mgsfm_flann lz4 flann/flann.hpp "")
   endif()
 endfunction()

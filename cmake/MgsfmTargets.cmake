@@ -61,7 +61,7 @@ function(mgsfm_add_module name)
 endfunction()
 
 # Tests spend their time in the modules, which keep the flags of the build; to
-# optimise the tests themselves takes longer than it saves.
+# optimize the tests themselves takes longer than it saves.
 add_library(mgsfm_test_flags INTERFACE)
 target_compile_options(mgsfm_test_flags INTERFACE
   $<$<CONFIG:Release,RelWithDebInfo>:-O1>)

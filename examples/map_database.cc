@@ -16,13 +16,13 @@
 
 namespace {
 
-std::atomic<bool> is_cancelled{false};
+std::atomic<bool> is_canceled{false};
 
 void MapDatabase(const char* database_path,
                  const std::filesystem::path& output_path) {
   mgsfm::Context context;
   context.num_threads = 2;
-  context.is_cancelled = [] { return is_cancelled.load(); };
+  context.is_canceled = [] { return is_canceled.load(); };
   context.progress = [](const mgsfm::Progress& progress) {
     std::fprintf(stderr, "\r%.*s: %zu of %zu    ",
                  static_cast<int>(progress.stage.size()), progress.stage.data(),
@@ -48,7 +48,7 @@ void MapDatabase(const char* database_path,
 
 int main(int argc, char** argv) {
   if (argc != 3) return 1;
-  std::signal(SIGINT, [](int) { is_cancelled = true; });
+  std::signal(SIGINT, [](int) { is_canceled = true; });
   try {
     MapDatabase(argv[1], argv[2]);
   } catch (const std::exception& error) {  // bad input, or interrupted

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Alignment of a model with the ground truth by a similarity, in plain Python.
 
-A pose is (quaternion of cam_from_world, camera centre).
+A pose is (quaternion of cam_from_world, camera center).
 """
 import dataclasses
 import math
@@ -43,7 +43,7 @@ def pose_of(quaternion, translation):
 def align(model, truth):
     """The Similarity from the model to the truth: two lists of poses in order.
 
-    Minimises distances up to MAX_RESIDUAL_M, and the difference of rotations,
+    Minimizes distances up to MAX_RESIDUAL_M, and the difference of rotations,
     by iteratively reweighted least squares. It starts from all poses, and from
     halves and quarters of them, so that a smaller part that is misplaced has no
     influence. The fit of least distances is returned.

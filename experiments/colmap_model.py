@@ -20,7 +20,7 @@ def write_truth(folder, camera_lines, rig_from_cam, frames):
 
     camera_lines: "FOLDER MODEL WIDTH HEIGHT PARAMS..." of each camera.
     rig_from_cam: {FOLDER: 4 x 4 matrix}; that of the first camera is the
-    identity. frames: {name: world_from_rig as 4 x 4 matrix, metres}; images are
+    identity. frames: {name: world_from_rig as 4 x 4 matrix, meters}; images are
     called FOLDER/name.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def write_frames(folder, cameras, rig_from_cam, frames):
 
 
 def read_positions(model):
-    """{image name: camera centre, world units} of a binary or text model."""
+    """{image name: camera center, world units} of a binary or text model."""
     return {name: poses.camera_center(quaternion, translation)
             for name, (quaternion, translation) in read_poses(model).items()}
 

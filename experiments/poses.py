@@ -44,7 +44,7 @@ def inverse(pose):
 
 
 def camera_center(quaternion, translation):
-    """-R^T t: the centre, in world units, of a camera with cam_from_world."""
+    """-R^T t: the center, in world units, of a camera with cam_from_world."""
     rows = rotation_from_quaternion(*quaternion)
     a, b, c = translation
     return tuple(-(rows[0][i] * a + rows[1][i] * b + rows[2][i] * c)

@@ -28,7 +28,7 @@ class Sequence:
     rig_prefixes: list = dataclasses.field(default_factory=list)
     # Options of `mgsfm model_evaluator`; empty without ground truth.
     truth: list = dataclasses.field(default_factory=list)
-    # Returns {image name: true position, metres} for figures.
+    # Returns {image name: true position, meters} for figures.
     truth_positions: collections.abc.Callable[[], dict] = dict
 
 

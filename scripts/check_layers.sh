@@ -18,15 +18,16 @@ estimation/rig_solver: base math geometry
 estimation/pair_filtering: base math geometry scene
 estimation/view_graph: base math geometry scene
 estimation/georegistration: base math geometry scene
-estimation/rotation_averaging: base math geometry scene georegistration
+estimation/rotation_averaging: base math geometry scene pair_filtering georegistration
 estimation/tracks: base math geometry scene pair_filtering
 estimation/translation_averaging: base math geometry scene rig_solver pair_filtering
+estimation/moving_objects: base math geometry scene pair_filtering view_graph translation_averaging
 estimation/seams: base math geometry scene pair_filtering
 estimation/registration: base math geometry scene
 estimation/bundle_adjustment: base math geometry scene rig_solver
 estimation/soft_rig: base math geometry scene rig_solver bundle_adjustment
 estimation/input_check: base math geometry scene view_graph rotation_averaging tracks soft_rig
-mapper/mapper: base math geometry scene rig_solver pair_filtering view_graph georegistration rotation_averaging tracks translation_averaging seams registration bundle_adjustment soft_rig input_check
+mapper/mapper: base math geometry scene rig_solver pair_filtering view_graph georegistration rotation_averaging tracks translation_averaging moving_objects seams registration bundle_adjustment soft_rig input_check
 io/files: base
 io/database: base math geometry scene files
 io/hloc: base math geometry scene files database

@@ -1,7 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Builds and runs a fuzz target of tests/fuzz, or all of them one by one, with
-# libFuzzer and the address and undefined-behaviour sanitizers. New inputs go to
+# libFuzzer and the address and undefined-behavior sanitizers. New inputs go to
 # build/fuzz/corpus/TARGET, failures to build/fuzz/failures/TARGET.
 #   scripts/fuzz.sh TARGET|all SECONDS [further arguments of libFuzzer]
 set -euo pipefail

@@ -1,6 +1,6 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Runs tests under the address and undefined-behaviour sanitizers.
+# Runs tests under the address and undefined-behavior sanitizers.
 #   scripts/sanitizers.sh          the tests of all modules
 #   scripts/sanitizers.sh --short  those of code that reads and writes files, and
 #                                  of the geometry below it: the part of .ci/run

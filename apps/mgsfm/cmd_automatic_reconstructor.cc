@@ -59,7 +59,7 @@ struct AutomaticReconstructorOptions {
       "folder `videos` of the workspace."};
   Option<DataType> data_type{
       "data_type", DataType::kVideo,
-      "video: images in temporal order by name; matches neighbours and closes "
+      "video: images in temporal order by name; matches neighbors and closes "
       "loops. individual: matches all pairs of images. panorama, dual_fisheye: "
       "a video whose images are first split, as by image_splitter, into the "
       "folder `views` of the workspace."};

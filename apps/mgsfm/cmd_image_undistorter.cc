@@ -59,7 +59,7 @@ struct ImageUndistorterOptions {
   Option<UndistortionLayout> output_type{
       "output_type", UndistortionLayout::kColmap,
       "COLMAP: folders images and sparse. mvs: also COLMAP's folder stereo. "
-      "gaussian_splatting: images without subfolders, sparse/0, centred "
+      "gaussian_splatting: images without subfolders, sparse/0, centered "
       "principal points. nerfstudio: transforms.json."};
   Option<std::string> mask_path{
       "mask_path", "",

@@ -19,7 +19,7 @@ struct MapperCommandOptions {
       "run are replaced when the new ones are complete; other files stay."};
   Option<std::string> image_path{
       "image_path", "",
-      "Folder of the images, to colour the points. Without it, all points are "
+      "Folder of the images, to color the points. Without it, all points are "
       "black."};
   Option<std::string> input_path{
       "input_path", "",

@@ -12,7 +12,7 @@
 #include "files/staged_output.h"
 #include "geometry/geodetic.h"
 #include "geometry/so3.h"
-#include "georegistration/gravity_levelling.h"
+#include "georegistration/gravity_leveling.h"
 #include "georegistration/position_registration.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
@@ -60,10 +60,10 @@ struct ModelAlignerOptions {
       "ref_model_path", "", "Align to this model, by images of the same name."};
   Option<AlignmentType> alignment_type{
       "alignment_type", AlignmentType::kCustom,
-      "custom: align to the positions or the model above; GPS becomes metres "
+      "custom: align to the positions or the model above; GPS becomes meters "
       "east, north and up of the first position. For GPS positions only: enu, "
-      "the same; ecef, earth-centred; enu-plane, east, north and up of the "
-      "centre of the points; enu-plane-unscaled, the same in the unit of the "
+      "the same; ecef, earth-centered; enu-plane, east, north and up of the "
+      "center of the points; enu-plane-unscaled, the same in the unit of the "
       "model. plane: needs no reference; z is up and the trajectory lies in "
       "the plane z = 0."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
@@ -297,7 +297,7 @@ Eigen::Vector3d MeanPoint(const SceneModel& model) {
   }
   if (model.reconstruction.points.empty()) {
     throw Error(
-        "the model has no points, whose centre --alignment_type enu-plane "
+        "the model has no points, whose center --alignment_type enu-plane "
         "needs; choose enu");
   }
   return sum / static_cast<double>(model.reconstruction.points.size());

@@ -69,7 +69,7 @@ struct ModelConverterOptions {
       "that get the poses. point_triangulator adds the points."};
   Option<std::string> origin{
       "origin", "",
-      "For geojson and kml: latitude,longitude,altitude (degrees, metres) of "
+      "For geojson and kml: latitude,longitude,altitude (degrees, meters) of "
       "the origin of the east-north-up world. By default that of "
       "geo_origin.json in the model."};
   ToolRigOptions rigs;

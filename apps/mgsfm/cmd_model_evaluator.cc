@@ -15,13 +15,13 @@
 
 namespace mgsfm {
 
-enum class LengthUnit { kAuto, kMetre, kArbitrary };
+enum class LengthUnit { kAuto, kMeter, kArbitrary };
 
 template <>
 struct EnumTable<LengthUnit> {
   static constexpr std::pair<std::string_view, LengthUnit> kNames[] = {
       {"auto", LengthUnit::kAuto},
-      {"m", LengthUnit::kMetre},
+      {"m", LengthUnit::kMeter},
       {"units", LengthUnit::kArbitrary}};
 };
 
@@ -170,7 +170,7 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
   WarnOfUnpairedImages(comparison, context);
   WarnOfConvention(comparison, options, context);
   thresholds.is_metric =
-      options.gt_unit == LengthUnit::kMetre ||
+      options.gt_unit == LengthUnit::kMeter ||
       (options.gt_unit == LengthUnit::kAuto && comparison.is_metric);
   const Evaluation evaluation =
       Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,

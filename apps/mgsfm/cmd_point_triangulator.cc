@@ -29,7 +29,7 @@ struct PointTriangulatorOptions {
       "COLMAP database with verified matches. It is only read."};
   Option<std::string> image_path{
       "image_path", "",
-      "Folder of the images, to colour the points. Without it, all points are "
+      "Folder of the images, to color the points. Without it, all points are "
       "black."};
   Option<std::string> input_path{
       "input_path", "", Required(),

@@ -110,7 +110,7 @@ struct SimulateCommandOptions {
   }
 };
 
-// The image size whose centre is the principal point.
+// The image size whose center is the principal point.
 std::pair<int, int> ImageSize(CameraModelId model,
                               const std::vector<double>& params) {
   const CameraModelInfo& info = *FindCameraModel(static_cast<int32_t>(model));

@@ -4,7 +4,7 @@
 namespace mgsfm {
 
 // Makes SIGINT, SIGTERM and SIGHUP requests to stop in good order, as
-// Context::is_cancelled reports them. Signals that the caller has set to be
+// Context::is_canceled reports them. Signals that the caller has set to be
 // ignored stay so (nohup, background jobs). A signal that comes two seconds
 // after the first or later ends the process at once.
 void CatchInterruptions();

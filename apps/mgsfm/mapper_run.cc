@@ -191,7 +191,7 @@ void ColorModels(const Scene& scene, const std::string& image_path,
         ColorPoints(scene, image_path, context, &model.reconstruction);
     if (unused.empty()) continue;
     context.Warning(std::to_string(unused.size()) +
-                    " images give no colours: image '" + unused.front().name +
+                    " images give no colors: image '" + unused.front().name +
                     "' " + unused.front().problem +
                     "; points that only such images see stay black");
   }
@@ -201,7 +201,7 @@ void LogMissingColors(const std::string& image_path, const Context& context) {
   if (!image_path.empty()) return;
   context.Info(
       "all points are black because no image folder was given; pass "
-      "--image_path to colour them");
+      "--image_path to color them");
 }
 
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,

@@ -21,7 +21,7 @@ class LiveView;
 struct MapperRun {
   std::string database_path;
   std::string output_path;
-  std::string image_path;  // for the colours of points; may be empty
+  std::string image_path;  // for the colors of points; may be empty
   ModelFormat output_format = ModelFormat::kBinary;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
@@ -55,11 +55,11 @@ struct StartUse {
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context);
 
-// Colours the points of models, unless `image_path` is empty.
+// Colors the points of models, unless `image_path` is empty.
 void ColorModels(const Scene& scene, const std::string& image_path,
                  const Context& context, MapperResult* result);
 
-// Logs how to colour the points if `image_path` is empty.
+// Logs how to color the points if `image_path` is empty.
 void LogMissingColors(const std::string& image_path, const Context& context);
 
 // Throws Error unless it is empty or a folder.

@@ -42,8 +42,8 @@ std::string NameOf(LogLevel level) {
   const std::string_view text = EnumName(level);
   std::snprintf(name, sizeof(name), "%-7.*s", static_cast<int>(text.size()),
                 text.data());
-  if (level == LogLevel::kError) return Coloured(Colour::kRed, name);
-  if (level == LogLevel::kWarning) return Coloured(Colour::kYellow, name);
+  if (level == LogLevel::kError) return Colored(Color::kRed, name);
+  if (level == LogLevel::kWarning) return Colored(Color::kYellow, name);
   return name;
 }
 
@@ -138,7 +138,7 @@ Context MakeTerminalContext(const CommonOptions& options) {
   context.progress = [terminal](const Progress& progress) {
     terminal->ShowProgress(progress);
   };
-  context.is_cancelled = [] { return InterruptionSignal() != 0; };
+  context.is_canceled = [] { return InterruptionSignal() != 0; };
   return ApplyCommonOptions(options, std::move(context));
 }
 

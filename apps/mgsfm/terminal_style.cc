@@ -20,9 +20,9 @@ bool ErrorStreamIsTerminal() {
   return isatty(STDERR_FILENO) != 0 && !kind.empty() && kind != "dumb";
 }
 
-std::string Coloured(Colour colour, const std::string& text) {
+std::string Colored(Color color, const std::string& text) {
   if (!ErrorStreamIsTerminal() || !Variable("NO_COLOR").empty()) return text;
-  return "\033[" + std::to_string(static_cast<int>(colour)) + "m" + text +
+  return "\033[" + std::to_string(static_cast<int>(color)) + "m" + text +
          "\033[0m";
 }
 

@@ -8,10 +8,10 @@ namespace mgsfm {
 // The standard error stream is a terminal that can overwrite a line.
 bool ErrorStreamIsTerminal();
 
-enum class Colour { kRed = 31, kYellow = 33 };
+enum class Color { kRed = 31, kYellow = 33 };
 
-// The text for the standard error stream: coloured on a terminal, unless the
+// The text for the standard error stream: colored on a terminal, unless the
 // variable NO_COLOR is set (no-color.org).
-std::string Coloured(Colour colour, const std::string& text);
+std::string Colored(Color color, const std::string& text);
 
 }  // namespace mgsfm

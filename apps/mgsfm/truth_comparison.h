@@ -35,7 +35,7 @@ struct TruthSource {
 
 // The input of Evaluate.
 struct TruthComparison {
-  // Whether the truth is in metres: trajectories of KITTI and TUM, calibrations
+  // Whether the truth is in meters: trajectories of KITTI and TUM, calibrations
   // of KITTI and EuRoC, and georeferenced models. Other models and rigs do not
   // state their unit.
   bool is_metric = false;

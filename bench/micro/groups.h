@@ -4,7 +4,7 @@
 namespace mgsfm {
 
 // Each function registers a group of micro-benchmarks.
-void RegisterSolverBenchmarks();      // linearisation, elimination, factor
+void RegisterSolverBenchmarks();      // linearization, elimination, factor
 void RegisterCameraBenchmarks();      // projection and rays
 void RegisterMatchingBenchmarks();    // database, inlier tests, tracks
 void RegisterEstimationBenchmarks();  // ADMM, triangulation

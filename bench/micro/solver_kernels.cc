@@ -21,7 +21,7 @@ constexpr double kLambda = 1e-4;
 enum class Kernel {
   kLinearize,           // points held: residuals, derivatives, their products
   kLinearizeEliminate,  // points free
-  kSolve,               // factorisation and solution of the frame system
+  kSolve,               // factorization and solution of the frame system
   kStep,                // steps of points, and the cost after
 };
 

@@ -10,7 +10,7 @@ namespace mgsfm {
 // observations, counted from its formulas. Additions, multiplications,
 // divisions and roots count as one operation. Excludes the projection and its
 // derivatives, the loss weights, the sum of the systems of the chunks, and the
-// factorisation.
+// factorization.
 struct PassCost {
   double linearize_flops = 0.0;  // residuals, derivatives, products of images
   double eliminate_flops = 0.0;  // points

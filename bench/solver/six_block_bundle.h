@@ -7,7 +7,7 @@
 namespace mgsfm {
 
 // The bundle problem in the usual formulation for Ceres: automatic derivatives
-// and six parameter blocks per observation (rotation and centre of the frame,
+// and six parameter blocks per observation (rotation and center of the frame,
 // rotation and translation of the sensor, point, camera). For comparison only.
 // Cameras must be pinholes with four fixed parameters; throws Error otherwise.
 // `seconds` receives the time of the solve alone.

@@ -15,13 +15,13 @@
 #include "command.h"
 #include "files/output_file.h"
 #include "machine_limits.h"
-#include "mapper/rotation_recipe.h"
 #include "math/sparse_solver.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/models/scene_loading.h"
 #include "rig_solver/rig_solver.h"
+#include "rotation_averaging/rotation_estimation.h"
 #include "simulated_run.h"
 #include "solver/pass_cost.h"
 #include "solver/six_block_bundle.h"
@@ -212,7 +212,7 @@ void PrintWork(const Json& work) {
       1e-9 * work["flops_per_second"].get<double>(),
       1e-9 * work["copied_bytes_per_second"].get<double>(),
       work["num_unknowns"].get<int>(),
-      work["is_iterative"].get<bool>() ? "iterative" : "factorised",
+      work["is_iterative"].get<bool>() ? "iterative" : "factorized",
       work["factor_flops"].get<double>());
 }
 

@@ -100,7 +100,7 @@ def write_sensor(path, body_from_cam):
 
 @names_its_file
 def read_tum(path, names):
-    """{image name: position, metres} at the time that the name says.
+    """{image name: position, meters} at the time that the name says.
 
     As in model_evaluator, the nearest pose counts if it is nearer than half the
     mean interval between poses. Empty with fewer than two poses.

@@ -77,7 +77,7 @@ def make_sequence(root, drive, cameras, calibration, world_from_cam0, step,
                   work):
     """A sequence with every `step`-th frame that has a true pose.
 
-    world_from_cam0: {frame number as text: 4 x 4 matrix, metres}.
+    world_from_cam0: {frame number as text: 4 x 4 matrix, meters}.
     """
     images = root / "data_2d_raw" / drive
     files = {f"{int(n):010}.png": world_from_cam0[n]

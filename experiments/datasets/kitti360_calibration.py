@@ -46,12 +46,12 @@ def is_rotation(matrix):
 
 
 def read_world_from_cam0(path):
-    """{frame number as text: 4 x 4 matrix, metres}."""
+    """{frame number as text: 4 x 4 matrix, meters}."""
     return read_matrices(path, 4)
 
 
 class Calibration:
-    """Camera parameters, and cam0_from[camera]: the pose (4 x 4, metres) of
+    """Camera parameters, and cam0_from[camera]: the pose (4 x 4, meters) of
     each camera, rectified if it is perspective, in the first perspective one.
     """
 
@@ -87,7 +87,7 @@ class Calibration:
                 + " ".join(repr(float(p)) for p in params))
 
     def cam_from_cam(self, to_camera, from_camera):
-        """The pose (4 x 4, metres) of one camera in another."""
+        """The pose (4 x 4, meters) of one camera in another."""
         return (np.linalg.inv(self.cam0_from[to_camera])
                 @ self.cam0_from[from_camera])
 

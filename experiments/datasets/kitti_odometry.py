@@ -101,7 +101,7 @@ def read_projections(path):
 
 @names_its_file
 def positions_by_name(poses_path, names):
-    """{name: position of the left camera, metres}; the number in an image name
+    """{name: position of the left camera, meters}; the number in an image name
     is the row of the file of poses."""
     rows = [numbers_of(line) for line in poses_path.read_text().splitlines()
             if line.strip()]

@@ -10,7 +10,7 @@ def draw(curves, sweep, path):
     """Above, on a logarithmic axis, the mean position error of the mapper, and
     dashed that of the full oracle; below, the share of registered images.
 
-    curves: of studies.robustness.make_curves(); one colour for each rig.
+    curves: of studies.robustness.make_curves(); one color for each rig.
     """
     figure, (errors, shares) = plt.subplots(
         2, 1, sharex=True, figsize=(6.8, 5.4), constrained_layout=True,

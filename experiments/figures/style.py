@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files, axes and colours of all figures."""
+"""Files, axes and colors of all figures."""
 import math
 
 import matplotlib

@@ -93,7 +93,7 @@ def draw_paths(trajectories, truth, path, title):
 
 
 def draw_map(axes, true, estimate):
-    """n x 2 true and m x 2 estimated positions, in metres."""
+    """n x 2 true and m x 2 estimated positions, in meters."""
     axes.plot(*true.T, color=TRUE_COLOR, linewidth=2.5, label="truth")
     axes.plot(*estimate.T, color="black", linewidth=1.0, label="estimate")
     axes.set_aspect("equal")

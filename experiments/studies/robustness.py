@@ -98,7 +98,7 @@ def run_sweep(program, sweep, output):
 def make_curves(runs, sweep):
     """{rig: {curve: {x: median over seeds}}}.
 
-    Curves: mapper_m and full_oracle_m, mean position errors in metres, of runs
+    Curves: mapper_m and full_oracle_m, mean position errors in meters, of runs
     with a model; registered_percent, of all runs. x has the unit of the axis.
     """
     values = {}

@@ -76,7 +76,7 @@ def euroc_rig(bench, euroc):
 
 def write_stereo_rig(path, rotation, translation):
     """A rig_config.json of cam0 and cam1; cam_from_rig of cam1 as quaternion
-    and metres."""
+    and meters."""
     path.write_text(json.dumps([{"cameras": [
         {"image_prefix": "cam0/", "ref_sensor": True},
         {"image_prefix": "cam1/", "cam_from_rig_rotation": list(rotation),
@@ -99,7 +99,7 @@ def write_euroc_rig(path, euroc):
 
 
 def panorama(bench):
-    """Cameras that share a centre, mapped as single images and as a rig."""
+    """Cameras that share a center, mapped as single images and as a rig."""
     config = bench.output / "panorama_rig.json"
     pinhole = {"camera_model_name": "PINHOLE",
                "camera_params": [400, 400, 320, 240]}
@@ -124,7 +124,7 @@ def panorama(bench):
                    bench.errors("panorama/rig", *truth)):
         cells.append(f"{position(errors, 3)}, {errors['num_registered']} of "
                      f"{errors['num_images']}")
-    return [("cameras that share a centre, one EQUIRECTANGULAR; without: no "
+    return [("cameras that share a center, one EQUIRECTANGULAR; without: no "
              "rig", "position, mean; registered", *cells)]
 
 
@@ -164,7 +164,7 @@ def write_two_rigs(path, rigs, with_poses):
 
 
 def second_baseline(model, scale):
-    """The baseline of the second rig in metres."""
+    """The baseline of the second rig in meters."""
     rigs = json.loads((model / "rig_config.json").read_text())
     t = rigs[1]["cameras"][1]["cam_from_rig_translation"]
     return f"{scale * sum(x * x for x in t) ** 0.5:.3f} m"

@@ -183,7 +183,7 @@ def global_mapping(database_path: PathLike, image_path: Optional[PathLike],
 
     Args:
       database_path: COLMAP database; it is only read.
-      image_path: Folder of the images, to colour points; None: black points.
+      image_path: Folder of the images, to color points; None: black points.
       output_path: Folder for the models 0, 1, ... and report.json.
       options: Of the command mapper.
 

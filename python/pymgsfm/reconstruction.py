@@ -103,7 +103,7 @@ class Point2D(NamedTuple):
     """A keypoint.
 
     Attributes:
-      xy: (2,) pixels; (0.5, 0.5) is the centre of the first pixel.
+      xy: (2,) pixels; (0.5, 0.5) is the center of the first pixel.
       point3D_id: INVALID_POINT3D_ID if it observes no point.
     """
 

@@ -25,7 +25,7 @@ Context Caller::MakeContext() {
       ShowProgress(progress);
     };
   }
-  context.is_cancelled = [this] { return IsCancelled(); };
+  context.is_canceled = [this] { return IsCanceled(); };
   return context;
 }
 
@@ -36,24 +36,24 @@ void Caller::WithPython(const Function& function) {
     function();
   } catch (py::error_already_set& error) {
     if (!raised_) raised_.emplace(std::move(error));
-    is_cancelled_ = true;
+    is_canceled_ = true;
   }
 }
 
 void Caller::Log(LogLevel level, const std::string& message) {
   if (level == LogLevel::kError) last_error_ = message;
-  if (log_.is_none() || is_cancelled_) return;
+  if (log_.is_none() || is_canceled_) return;
   WithPython([&] { log_(EnumName(level), message); });
 }
 
 void Caller::ShowProgress(const Progress& progress) {
-  if (is_cancelled_) return;
+  if (is_canceled_) return;
   WithPython([&] { progress_(progress.stage, progress.done, progress.total); });
 }
 
-bool Caller::IsCancelled() {
-  if (is_cancelled_ || std::this_thread::get_id() != thread_) {
-    return is_cancelled_;
+bool Caller::IsCanceled() {
+  if (is_canceled_ || std::this_thread::get_id() != thread_) {
+    return is_canceled_;
   }
   const auto now = std::chrono::steady_clock::now();
   if (now - last_check_ < kCheckInterval) return false;
@@ -61,7 +61,7 @@ bool Caller::IsCancelled() {
   WithPython([] {
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
   });
-  return is_cancelled_;
+  return is_canceled_;
 }
 
 }  // namespace mgsfm::python

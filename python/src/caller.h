@@ -51,7 +51,7 @@ class Caller {
   Context MakeContext();
   void Log(LogLevel level, const std::string& message);
   void ShowProgress(const Progress& progress);
-  bool IsCancelled();
+  bool IsCanceled();
   // Calls with the GIL and keeps the first exception.
   template <class Function>
   void WithPython(const Function& function);
@@ -60,7 +60,7 @@ class Caller {
   pybind11::object progress_;
   std::string last_error_;
   std::optional<pybind11::error_already_set> raised_;
-  std::atomic<bool> is_cancelled_{false};
+  std::atomic<bool> is_canceled_{false};
   std::thread::id thread_ = std::this_thread::get_id();
   std::chrono::steady_clock::time_point last_check_;
 };

@@ -179,7 +179,7 @@ MapperResult Map(const MapperRun& run, int num_threads) {
   context.num_threads = num_threads;
   context.log = [](LogLevel /*level*/, const std::string& /*message*/) {};
   context.progress = [](const Progress& /*progress*/) {};
-  context.is_cancelled = [] { return false; };
+  context.is_canceled = [] { return false; };
   return run.only_triangulates
              ? TriangulatePoints(run.input, run.options, context)
              : RunMapper(run.input, run.options, context);

@@ -26,7 +26,7 @@ TEST(MapperRuns, ReachOptionalStages) {
 
   const MapperModel delays = MapNamed("trigger delays").models.at(0);
   EXPECT_TRUE(delays.soft_rig_images);
-  EXPECT_TRUE(delays.metres_per_unit);
+  EXPECT_TRUE(delays.meters_per_unit);
   EXPECT_TRUE(delays.gravity);
 
   const MapperResult lengths = MapNamed("unknown focal lengths");

@@ -11,9 +11,6 @@
 #include <utility>
 #include <vector>
 
-#include "mapper/motion_recipe.h"
-#include "mapper/position_recipe.h"
-#include "mapper/rotation_recipe.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/ids.h"
 #include "mgsfm/base/mask.h"
@@ -30,6 +27,9 @@
 #include "mgsfm/translation_averaging/translation_averaging.h"
 #include "mgsfm/view_graph/focal_length_calibration.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
+#include "moving_objects/moving_objects.h"
+#include "rotation_averaging/rotation_estimation.h"
+#include "translation_averaging/position_estimation.h"
 
 namespace mgsfm {
 

@@ -119,7 +119,7 @@ double CostAtBestScale(const Eigen::Vector3d& v, const Eigen::Vector3d& C,
   return 0.5 * a2 * std::log1p(s / a2);  // Cauchy
 }
 
-// The objective of the header with points, minimised over the scales.
+// The objective of the header with points, minimized over the scales.
 double CostWithPoints(const Stages& stages, const Positions& positions,
                       const TrackPoints& points,
                       const RefinementOptions& options) {

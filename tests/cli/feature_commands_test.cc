@@ -100,7 +100,7 @@ TEST_F(FeatureCommandsTest, ExtractAndConfigure) {
   EXPECT_THAT(configured.err, HasSubstr("1 rigs of 2 cameras, 3 frames"));
 }
 
-// Cameras with counters of their own and synchronised clocks.
+// Cameras with counters of their own and synchronized clocks.
 TEST_F(FeatureCommandsTest, ExifTimesBecomeFrames) {
   const auto write = [&](const std::string& name, uint64_t seed,
                          const std::string& milliseconds) {

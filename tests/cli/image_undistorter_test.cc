@@ -65,7 +65,7 @@ class ImageUndistorterTest : public testing::Test {
 
 // Loads a model as splatting trainers do: by the base name of each image, which
 // they cut at its first dot, with the size, focal lengths and pose, and with
-// the principal point in the centre.
+// the principal point in the center.
 TEST_F(ImageUndistorterTest, SplattingLoaderFindsAllImages) {
   const CommandOutput run =
       RunMgsfm(Line("splats") + "--output_type gaussian_splatting");

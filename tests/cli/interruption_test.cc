@@ -12,7 +12,7 @@ namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::HasSubstr;
 
-// A mapper that colours points from large images, which keeps it busy for a
+// A mapper that colors points from large images, which keeps it busy for a
 // second at its end; and an earlier output.
 class Interruption : public testing::Test {
  protected:

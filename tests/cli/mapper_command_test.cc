@@ -195,7 +195,7 @@ TEST_F(MapperCommand, TimesThatAreNoneAreRefused) {
                 before);
 }
 
-// The world of the simulation has y down, as levelled ones have.
+// The world of the simulation has y down, as leveled ones have.
 TEST_F(MapperCommand, GravityLevelsTheModel) {
   ASSERT_EQ(RunMgsfm("simulate --rig stereo --path curve --num_frames 20 "
                      "--pixel_noise 0.3 --gravity_sigma 0.5 "
@@ -394,7 +394,7 @@ TEST_F(MapperCommand, MissingImagesAreAWarning) {
   fs::create_directory(Path("images"));
   const CommandOutput output = Map("--image_path " + Path("images"));
   EXPECT_EQ(output.exit_code, 0) << output.err;
-  EXPECT_THAT(output.err, AllOf(HasSubstr("48 images give no colours"),
+  EXPECT_THAT(output.err, AllOf(HasSubstr("48 images give no colors"),
                                 HasSubstr("cam0/000000.png")));
 }
 

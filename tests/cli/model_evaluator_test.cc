@@ -365,7 +365,7 @@ TEST_F(ModelEvaluator, MissingImagesAreOfTheChosenReference) {
   EXPECT_TRUE(evaluation["kitti"].is_null());
 }
 
-TEST_F(ModelEvaluator, UnitsAreMetresOnlyIfTheTruthIsMetric) {
+TEST_F(ModelEvaluator, UnitsAreMetersOnlyIfTheTruthIsMetric) {
   WriteModel("model", Mono({0, 1, 2, 3}));
   WriteModel("truth", Mono({0, 1, 2, 3}));
   const auto text = [&](const std::string& flags) {

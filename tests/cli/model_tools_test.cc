@@ -179,7 +179,7 @@ TEST_F(ModelTools, PlacesModelsOnTheEarth) {
   const PoseModel truth = ReadModelPoses(DemoTruth());
   std::ostringstream lines;
   lines.precision(17);
-  // A metre is about 9e-6 degrees of latitude everywhere.
+  // A meter is about 9e-6 degrees of latitude everywhere.
   for (const ModelImage& image : truth.images) {
     const Eigen::Vector3d c = image.cam_from_world.Center();
     lines << image.name << ' ' << 47.0 + 9e-6 * c.z() << ' '
@@ -199,7 +199,7 @@ TEST_F(ModelTools, PlacesModelsOnTheEarth) {
   }
 }
 
-// The earth-centred coordinates of a place, by the definition of WGS84.
+// The earth-centered coordinates of a place, by the definition of WGS84.
 Eigen::Vector3d EarthCentered(double latitude_deg, double longitude_deg,
                               double height_m) {
   const double e2 = 6.69437999014e-3;
@@ -233,9 +233,9 @@ TEST_F(ModelTools, TypesOfAlignmentDifferInTheWorld) {
     EXPECT_LT((image.cam_from_world.Center() -
                EarthCentered(place.x(), place.y(), place.z()))
                   .norm(),
-              0.05);  // degrees are no metres
+              0.05);  // degrees are no meters
   }
-  // The origin is at the centre of the points; places stay the same.
+  // The origin is at the center of the points; places stay the same.
   Run(call + "enu-plane --output_path " + Path("plane"));
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   const Model plane = ReadModel(Path("plane"));
@@ -249,7 +249,7 @@ TEST_F(ModelTools, TypesOfAlignmentDifferInTheWorld) {
     EXPECT_NEAR(coordinates[i][1].get<double>(), place.x(), 2e-7);
     EXPECT_NEAR(coordinates[i][2].get<double>(), place.z(), 0.05);
   }
-  // The unit of the model here is nearly the metre.
+  // The unit of the model here is nearly the meter.
   Run(call + "enu-plane-unscaled --output_path " + Path("unscaled") +
       " --transform_path " + Path("sim3.txt"));
   EXPECT_DOUBLE_EQ(std::stod(ReadTextFile(Path("sim3.txt"))), 1.0);
@@ -404,7 +404,7 @@ TEST_F(ModelTools, DatabasesHavePositionsAndGravity) {
       Path("in.db") + " --output_path " + Path("part_enu"));
   EXPECT_EQ(ReadTextFile(Path("whole_enu/geo_origin.json")),
             ReadTextFile(Path("part_enu/geo_origin.json")));
-  // Degrees are no metres: over 20 m, they differ by a few centimetres.
+  // Degrees are no meters: over 20 m, they differ by a few centimeters.
   EXPECT_LT(MaxError(Path("part_enu"), Path("whole_enu"), "--alignment none"),
             0.05);
   Convert(Path("part_enu"), "path.kml", "kml");
@@ -456,7 +456,7 @@ TEST_F(ModelTools, TrajectoriesPlaceTheImagesOfADatabase) {
   }
 }
 
-TEST_F(ModelTools, FilesOfOtherProgramsAreRecognised) {
+TEST_F(ModelTools, FilesOfOtherProgramsAreRecognized) {
   ExpectRefused("model_converter --input_path " + Path("none.nvm") +
                     " --output_path " + Path("x"),
                 AllOf(HasSubstr("none.nvm"), HasSubstr("does not exist")));

@@ -20,7 +20,7 @@ class PanoramaCommand : public testing::Test {
     return (dir_.path() / name).string();
   }
 
-  // Renders 8 frames, one metre apart.
+  // Renders 8 frames, one meter apart.
   void Render(const std::string& cameras, const std::string& view_angle_deg) {
     WriteTextFile(Path("rig.json"), "[{\"cameras\": [" + cameras + "]}]");
     const CommandOutput run = RunMgsfm(

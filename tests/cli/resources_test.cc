@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Behaviour of the program when the system refuses memory, threads, or a place
+// Behavior of the program when the system refuses memory, threads, or a place
 // for its messages, and under conventions of other languages and users.
 #include <sys/stat.h>
 

@@ -75,7 +75,7 @@ std::string OnTerminal(const std::string& variables,
       .out;
 }
 
-TEST(Terminal, ColoursOnlyWhereTheyAreWelcome) {
+TEST(Terminal, ColorsOnlyWhereTheyAreWelcome) {
   EXPECT_THAT(OnTerminal("TERM=xterm NO_COLOR=", "nothing"),
               HasSubstr("\033[31mmgsfm:\033[0m unknown command"));
   for (const char* variables : {"TERM=xterm NO_COLOR=1", "TERM=dumb"}) {

@@ -265,7 +265,7 @@ def test_a_drive_of_kitti360(kitti360_root, tmp_path):
         "image_01/data_rect PINHOLE 1400 1300 552.0 553.0 681.0 231.0")
     assert found.camera_lines[2].startswith(
         "image_02/data_rgb OPENCV_FISHEYE 1400 1300 ")
-    # Centres do not depend on rectification.
+    # Centers do not depend on rectification.
     positions = found.truth_positions()
     for camera, x in (("image_00/data_rect", 0), ("image_01/data_rect", 1),
                       ("image_02/data_rgb", 2)):

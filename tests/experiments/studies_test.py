@@ -135,7 +135,7 @@ def test_sub_maps_of_a_short_drive(run_experiments, try_experiments, program,
 
 
 def oracle_values(name, x, seed_error=None, rig="stereo"):
-    """A run with 20 images; `seed_error`: of the mapper in metres."""
+    """A run with 20 images; `seed_error`: of the mapper in meters."""
     values = {"name": name, "seconds": {"mapper": 12.3},
               "peak_memory_mib": 45.6, "input": {"num_images": 20},
               "options": {"Simulation": {"rig": rig, "mismatch_ratio": x}}}

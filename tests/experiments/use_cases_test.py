@@ -49,7 +49,7 @@ def test_rig_of_two_poses_in_a_body(tmp_path):
     assert camera["cam_from_rig_rotation"] == pytest.approx(
         [math.cos(0.15), 0, 0, math.sin(0.15)])
     assert camera["cam_from_rig_translation"] == pytest.approx([-3, -3, -3])
-    # The centre of camera 1 in camera 0.
+    # The center of camera 1 in camera 0.
     assert poses.camera_center(
         camera["cam_from_rig_rotation"], camera["cam_from_rig_translation"]
     ) == pytest.approx((3 * c + 3 * s, 3 * c - 3 * s, 3))

@@ -32,7 +32,7 @@ struct FaultCase {
 // Runs a statement on a database.
 void ExecuteSql(const std::filesystem::path& path, const std::string& sql);
 
-// A grey image of 80 x 60 pixels.
+// A gray image of 80 x 60 pixels.
 void WriteImage(const std::filesystem::path& path, uint64_t seed);
 
 // Runs of small commands in which one system call goes wrong. The environment

@@ -106,7 +106,7 @@ def test_transforms_json(model, expect_poses, tmp_path):
 
 
 def test_nvm(model, expect_poses, tmp_path):
-    """name, focal length, w x y z of cam_from_world, centre, distortion, 0."""
+    """name, focal length, w x y z of cam_from_world, center, distortion, 0."""
     write_images(model, tmp_path / "images")
     text = f"NVM_V3\n\n{len(model.images)}\n"
     for image in model.images.values():

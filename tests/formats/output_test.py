@@ -161,7 +161,7 @@ def test_calibrations(model, convert):
                     atol=1e-9)
     info = yaml.safe_load((convert("camera_info") / "cam1.yaml").read_text())
     fx, _, cx, _, fy, cy, *_ = info["camera_matrix"]["data"]
-    # The centre of the first pixel is (0.5, 0.5) in COLMAP.
+    # The center of the first pixel is (0.5, 0.5) in COLMAP.
     expected = [707.0912, 707.0912, 601.8873 - 0.5, 183.1104 - 0.5]
     for values in ([fx, fy, cx, cy], chain["cam1"]["intrinsics"],
                    sensor["intrinsics"]):
@@ -195,12 +195,12 @@ def test_maps(model, convert):
     text = next(e.text for e in kml.iter() if e.tag.endswith("coordinates"))
     assert_allclose([list(map(float, p.split(","))) for p in text.split()],
                     places, atol=1e-6)
-    metres = 111_200  # per degree of latitude, within 0.1 %
+    meters = 111_200  # per degree of latitude, within 0.1 %
     for (lon, lat, height), pose in zip(places, frame_poses(model)):
         east, north, up = pose[:3, 3]
-        east_per_deg = metres * numpy.cos(numpy.radians(48))
+        east_per_deg = meters * numpy.cos(numpy.radians(48))
         assert abs(east - (lon - 11) * east_per_deg) < 0.01 * abs(east) + 1e-3
-        assert abs(north - (lat - 48) * metres) < 0.01 * abs(north) + 1e-3
+        assert abs(north - (lat - 48) * meters) < 0.01 * abs(north) + 1e-3
         assert abs(up - (height - 500)) < 0.01
 
 

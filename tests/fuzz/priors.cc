@@ -41,7 +41,7 @@ void FuzzPositions(const Scene& scene, const std::string& path, bool is_gps) {
   }
 }
 
-// Trajectories of KITTI and TUM are recognised by their content; the latter
+// Trajectories of KITTI and TUM are recognized by their content; the latter
 // need times of images.
 void FuzzTrajectory(Scene scene, const std::string& path) {
   for (size_t i = 0; i < scene.images.size(); ++i) {

@@ -121,7 +121,7 @@ inline void ExpectPose(const Rigid3& pose, const Eigen::Matrix3d& rotation,
 // unit ray is shifted along the axis once or twice, projected and distorted.
 struct MirrorLens {
   Eigen::Vector2d focals_px;
-  Eigen::Vector2d center_px;  // 0 at the centre of the first pixel
+  Eigen::Vector2d center_px;  // 0 at the center of the first pixel
   double xi;
   double alpha;
   Params distortion;  // k1 k2 p1 p2

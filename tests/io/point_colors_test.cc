@@ -56,7 +56,7 @@ class PointColors : public testing::Test {
     point.track = track;
     model_.points.push_back(point);
   }
-  // The names of images that give no colours.
+  // The names of images that give no colors.
   std::vector<std::string> Color(int num_threads = 1) {
     Context context;
     context.num_threads = num_threads;
@@ -73,9 +73,9 @@ class PointColors : public testing::Test {
   std::vector<UncoloredImage> uncolored_;
 };
 
-TEST_F(PointColors, InterpolatesBetweenPixelCentres) {
+TEST_F(PointColors, InterpolatesBetweenPixelCenters) {
   WriteImage("a/0.png", Ramp(12, 8));
-  AddImage("a/0.png", {{3.5f, 2.5f},     // the centre of pixel (3, 2)
+  AddImage("a/0.png", {{3.5f, 2.5f},     // the center of pixel (3, 2)
                        {4.0f, 3.0f},     // between four pixels
                        {0.0f, 0.0f},     // the corner
                        {12.0f, 8.0f},    // the corner opposite
@@ -93,17 +93,17 @@ TEST_F(PointColors, InterpolatesBetweenPixelCentres) {
 
 TEST_F(PointColors, TakesTheMeanOfTheImagesThatCanBeRead) {
   WriteImage("dark.png", cv::Mat(4, 4, CV_8UC3, cv::Scalar(0, 0, 10)));
-  WriteImage("grey.png", cv::Mat(4, 4, CV_8UC1, cv::Scalar(90)));
+  WriteImage("gray.png", cv::Mat(4, 4, CV_8UC1, cv::Scalar(90)));
   WriteTextFile(dir_.path() / "broken.png", "no image");
   fs::create_directory(dir_.path() / "folder.png");
   const Eigen::Vector2f center(2.0f, 2.0f);
   const int dark = AddImage("dark.png", {center, center});
-  const int grey = AddImage("grey.png", {center});
+  const int gray = AddImage("gray.png", {center});
   const int broken = AddImage("broken.png", {center});
   const int missing = AddImage("absent/0.png", {center});
   const int folder = AddImage("folder.png", {center});
   AddImage("unused and absent.png", {center});
-  AddPoint({{dark, 0}, {grey, 0}});
+  AddPoint({{dark, 0}, {gray, 0}});
   AddPoint({{dark, 1}, {broken, 0}, {missing, 0}});
   AddPoint({{missing, 0}, {folder, 0}});
   EXPECT_THAT(Color(), ElementsAre("absent/0.png", "broken.png", "folder.png"));
@@ -162,7 +162,7 @@ TEST_F(PointColors, DoesNotTurnImages) {
   EXPECT_LT(model_.points[1].color.x(), 50);
 }
 
-TEST_F(PointColors, ThreadsDoNotChangeColours) {
+TEST_F(PointColors, ThreadsDoNotChangeColors) {
   for (int i = 0; i < 8; ++i) {
     const std::string name = std::to_string(i) + ".png";
     WriteImage(name, Ramp(10 + i, 7));

@@ -126,8 +126,8 @@ TEST_F(PosePriorsTest, NamesWhatIsWrong) {
   EXPECT_THAT(ErrorOfRows({}), HasSubstr("no positions"));
 }
 
-// GPS is in metres, so that a rig of that length cannot be in metres, too.
-TEST_F(PosePriorsTest, RigsInMillimetresContradictGps) {
+// GPS is in meters, so that a rig of that length cannot be in meters, too.
+TEST_F(PosePriorsTest, RigsInMillimetersContradictGps) {
   SceneLoadingOptions loading;
   loading.rig_config_path = Path("rig.json");
   WriteTextFile(*loading.rig_config_path,
@@ -146,7 +146,7 @@ TEST_F(PosePriorsTest, RigsInMillimetresContradictGps) {
   };
   EXPECT_THAT(
       make(CoordinateSystem::kWgs84),
-      AllOf(HasSubstr("in.db"), HasSubstr("540"), HasSubstr("millimetres")));
+      AllOf(HasSubstr("in.db"), HasSubstr("540"), HasSubstr("millimeters")));
   EXPECT_EQ(make(CoordinateSystem::kCartesian), "no error");
 }
 

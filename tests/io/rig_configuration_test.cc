@@ -132,7 +132,7 @@ TEST_F(RigConfigurationTest, IntrinsicsOfAnotherSizeAreRefused) {
   EXPECT_EQ(configure("100, 51, 39"), "no error");
 }
 
-TEST_F(RigConfigurationTest, MillimetresAreNamed) {
+TEST_F(RigConfigurationTest, MillimetersAreNamed) {
   FeatureDatabase database = Open();
   AddTwoCameras(&database);
   std::string warnings;
@@ -151,7 +151,7 @@ TEST_F(RigConfigurationTest, MillimetresAreNamed) {
     return warnings;
   };
   EXPECT_EQ(configure("-0.54"), "");
-  EXPECT_THAT(configure("-540"), HasSubstr("millimetres"));
+  EXPECT_THAT(configure("-540"), HasSubstr("millimeters"));
 }
 
 TEST_F(RigConfigurationTest, CopiesACameraThatTwoSensorsShare) {

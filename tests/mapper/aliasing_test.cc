@@ -128,7 +128,7 @@ SimulationOptions Drive(RigPreset rig, PathPreset path) {
 void ExpectNamed(const Copies& copies, const MapperModel& model) {
   ASSERT_FALSE(model.rejected_groups.empty());
   const RejectedGroup& group = model.rejected_groups.front();
-  // Neighbours of the frames are also matched with the duplicates.
+  // Neighbors of the frames are also matched with the duplicates.
   constexpr int kReach = 3;
   EXPECT_GE(group.first_frame_idx1, copies.first_frame_idx - kReach);
   EXPECT_LE(group.last_frame_idx1,

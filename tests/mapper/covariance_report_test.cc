@@ -13,7 +13,7 @@ struct RigWithCovariances {
   CovarianceResult covariances;
 };
 
-// Two cameras whose centres are two units apart, and three frames.
+// Two cameras whose centers are two units apart, and three frames.
 RigWithCovariances MakeRig(double sigma_of_sensor, double sigma_of_frames,
                            double unit) {
   RigWithCovariances rig;
@@ -52,7 +52,7 @@ TEST(CovarianceReportTest, PlacesThatCouldBeThatOfTheReferenceAreNamed) {
   }
 }
 
-// Only the uncertainty along the baseline tells the centres apart.
+// Only the uncertainty along the baseline tells the centers apart.
 TEST(CovarianceReportTest, UncertaintyAcrossTheBaselineDoesNotCount) {
   RigWithCovariances rig = MakeRig(0.1, 0.01, 1.0);
   PoseMatrix& C = *rig.covariances.sensors[1];

@@ -132,7 +132,7 @@ inline void ExpectRight(const Evaluation& evaluation) {
 }
 
 // Relative rotations need no alignment; an alignment by positions is inaccurate
-// on a path of a few metres.
+// on a path of a few meters.
 inline void ExpectRightRotations(const Drive& drive, const Outcome& outcome) {
   ASSERT_EQ(outcome.result.models.size(), 1u);
   const Reconstruction& model = outcome.result.models[0].reconstruction;

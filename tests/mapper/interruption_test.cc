@@ -26,7 +26,7 @@ class Questions {
       const size_t end = message.find(" started");
       if (end != std::string::npos) stage_ = message.substr(0, end);
     };
-    context.is_cancelled = [this] {
+    context.is_canceled = [this] {
       const int number = ++counts_[stage_];
       return has_said_yes_ |= stage_ == stop_stage_ && number == stop_number_;
     };
@@ -99,7 +99,7 @@ TEST(InterruptionTest, StopsWithSeveralThreads) {
     std::atomic<int> count{0};
     Context context;
     context.num_threads = 3;
-    context.is_cancelled = [&] { return ++count >= number; };
+    context.is_canceled = [&] { return ++count >= number; };
     EXPECT_THROW(static_cast<void>(RunMapper({loaded.scene, loaded.view_graph},
                                              MapperOptions(), context)),
                  Interrupted);

@@ -204,9 +204,9 @@ std::vector<NamePair> TrueLoopPairs(const ClosedStreet& street) {
   return pairs;
 }
 
-// Writes pairs of opposite places as if they were neighbours on a straight
+// Writes pairs of opposite places as if they were neighbors on a straight
 // road, with consistent matches: keypoints in the same direction from the image
-// centre.
+// center.
 void PlantWrongPairs(const ClosedStreet& street, const Scene& scene,
                      FeatureDatabase* database) {
   constexpr int kNumPairs = 12;

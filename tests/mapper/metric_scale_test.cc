@@ -53,7 +53,7 @@ TEST(MetricScaleTest, ScalesPosesPointsAndRig) {
   const Reconstruction& metric = model.reconstruction;
   EXPECT_NEAR(metric.sensor_from_rig[1]->translation.norm(), 2.5, 1e-12);
   const double factor = 2.5 / free.sensor_from_rig[1]->translation.norm();
-  EXPECT_NEAR(*model.metres_per_unit, factor, 1e-9 * factor);
+  EXPECT_NEAR(*model.meters_per_unit, factor, 1e-9 * factor);
   for (size_t i = 0; i < simulation.scene.frames.size(); ++i) {
     EXPECT_LT((metric.rig_from_world[i]->Center() -
                factor * free.rig_from_world[i]->Center())
@@ -73,7 +73,7 @@ TEST(MetricScaleTest, KnownRigsDefineTheUnit) {
       simulation.scene.sensors[1].sensor_from_rig->translation.norm();
   const MapperModel model =
       Map(simulation, "known_baseline=cam0:cam1:" + std::to_string(length));
-  EXPECT_FALSE(model.metres_per_unit.has_value());
+  EXPECT_FALSE(model.meters_per_unit.has_value());
   EXPECT_THAT(ErrorOf(simulation, "known_baseline=cam0:cam1:9"),
               HasSubstr("the known rig has the distance"));
 }

@@ -82,7 +82,7 @@ INSTANTIATE_TEST_SUITE_P(RigsAndSeeds, MovingObjectsTest,
                                          std::pair(RigPreset::kKitti360, 1),
                                          std::pair(RigPreset::kKitti360, 2)));
 
-// A rig that moves by a hundredth of a metre per frame: the directions of its
+// A rig that moves by a hundredth of a meter per frame: the directions of its
 // baselines are noise. Rotations are averaged again only if pairs contradict
 // the path.
 TEST(StandingRigTest, NoiseIsNoMovingObject) {

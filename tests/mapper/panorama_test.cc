@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Cameras with a common centre and fields of view of half the sphere and more.
+// Cameras with a common center and fields of view of half the sphere and more.
 #include <gtest/gtest.h>
 
 #include "geometry/so3.h"

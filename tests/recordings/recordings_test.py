@@ -92,7 +92,7 @@ def test_nuscenes_with_calibration(mgsfm, recording, evaluate, expect_whole,
           calibration_path=data / "calib", workspace_path=tmp_path,
           write_report=0, **{"SiftExtraction.max_num_features": 1000,
                              "SiftExtraction.max_image_size": 800})
-    report = expect_whole(tmp_path / "sparse", 246, ["unsynchronised"])
+    report = expect_whole(tmp_path / "sparse", 246, ["unsynchronized"])
     delays = {c["camera"]: c
               for c in report["models"][0]["delays"]["cameras"]}
     reference, = NUSCENES_DELAYS_S.keys() - delays.keys()
@@ -111,4 +111,4 @@ def test_ring_of_consumer_cameras(mgsfm, recording, expect_whole, tmp_path):
     data = recording("infrascal_demo")
     mgsfm("mapper", database_path=data / "database.db", output_path=tmp_path)
     # One camera is some 40 ms late.
-    expect_whole(tmp_path, 95, ["unsynchronised"])
+    expect_whole(tmp_path, 95, ["unsynchronized"])

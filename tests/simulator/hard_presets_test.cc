@@ -58,7 +58,7 @@ int NumCorrect(const Simulation& simulation, const ImagePair& pair) {
       }));
 }
 
-// The correct pairs of neighbouring frames across each cut.
+// The correct pairs of neighboring frames across each cut.
 struct CutStatistics {
   std::vector<int> num_pairs, num_matches;
 };

@@ -42,7 +42,7 @@ FIXED = re.compile(r".*path$|.*_path|output_format|method|SoftRig\.method|"
                    r"use_prior_.*|ref_is_gps|rig_name_rule|min_num_frames|"
                    r".*prior_position.*|overwrite.*|Mapper\..*")
 # Errors of models with noise of 0.7 px at distances of up to 30 m. The rotation
-# is that between neighbours, and that of the model beyond the alignment.
+# is that between neighbors, and that of the model beyond the alignment.
 MAX_POSITION_ERROR_M = 0.1
 MAX_ROTATION_ERROR_DEG = 0.3
 
@@ -141,7 +141,7 @@ def check_accuracy(program, folder, model):
             max(step_deg, rotation_deg) > MAX_ROTATION_ERROR_DEG):
         raise Failure(f"inaccurate: {errors['position_m']} m, "
                       f"{errors['rotation_deg']} deg, "
-                      f"between neighbours {errors['rpe']['rotation_deg']}")
+                      f"between neighbors {errors['rpe']['rotation_deg']}")
 
 
 def test_drive(program, seed, folder, mapper_options):

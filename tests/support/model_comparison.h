@@ -19,7 +19,7 @@ struct ModelDifference {
   double scale = 1.0;         // second over first
 };
 
-// Aligns the image centres by a similarity (Umeyama). The centres must not be
+// Aligns the image centers by a similarity (Umeyama). The centers must not be
 // collinear.
 inline ModelDifference CompareModels(const Scene& scene,
                                      const Reconstruction& model,

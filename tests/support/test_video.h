@@ -19,7 +19,7 @@ extern "C" {
 namespace mgsfm {
 
 struct TestVideo {
-  std::vector<cv::Mat> images;    // grey, with even sides
+  std::vector<cv::Mat> images;    // gray, with even sides
   std::vector<int64_t> times_ms;  // one per image, ascending
   // "ffv1" is lossless, "mjpeg" and "mpeg4" are not.
   std::string codec = "ffv1";

@@ -54,7 +54,7 @@ inline TranslationInput MakeTranslationInput(const SimulationOptions& options) {
   return input;
 }
 
-// Largest error of the centres of all cameras (or of the frames only) after the
+// Largest error of the centers of all cameras (or of the frames only) after the
 // best scale and shift, relative to their true extent; infinite if any is
 // missing. `scale` is that of the truth in units of the estimate.
 struct CenterError {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Colours of the cameras and points of a model by a property of theirs.
+// Colors of the cameras and points of a model by a property of theirs.
 import {rgbOfHex, sensorColor, sequentialColor, usualMaximum} from './colors.js';
 
 // {label, colorOf(image), max} or {names, colorOf(image)} for a property.
@@ -31,7 +31,7 @@ export function cameraColoring(data, property) {
   }
 }
 
-// The same for points; `hasColors` states whether they have colours of images.
+// The same for points; `hasColors` states whether they have colors of images.
 export function pointColoring(data, property, hasColors) {
   const {point_color: color, point_error: error, point_length: length} = data.arrays;
   switch (property) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Colours of cameras and values, equal to those of charts (chart_parts.cc).
+// Colors of cameras and values, equal to those of charts (chart_parts.cc).
 
 const SENSOR_COLORS = ['#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9',
                        '#d55e00', '#b8a800', '#7f6bb3'];
@@ -12,7 +12,7 @@ export function sensorColor(order) {
   return SENSOR_COLORS[order % SENSOR_COLORS.length];
 }
 
-// [r, g, b] in [0, 1] for a value in [0, 1]; grey for NaN.
+// [r, g, b] in [0, 1] for a value in [0, 1]; gray for NaN.
 export function sequentialColor(value) {
   if (Number.isNaN(value)) return [0.55, 0.55, 0.55];
   const position = 8 * Math.min(Math.max(value, 0), 1);

@@ -101,7 +101,7 @@ export class Details {
       this.root.append(element('figure', {}, [
         picture(data, shown, own ? marks : [], this.urls),
         element('figcaption', {}, own ?
-            [`${marks.length} of ${arrays.image_num_points[image]} points; colour: error, 0 to 2 px`] :
+            [`${marks.length} of ${arrays.image_num_points[image]} points; color: error, 0 to 2 px`] :
             ['nearest thumbnail of this camera: ', name(data.imageNames[shown])]),
       ]));
     }

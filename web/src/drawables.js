@@ -18,7 +18,7 @@ const FLAT_FRAGMENT = `
 varying vec3 vTint;
 void main() { gl_FragColor = vec4(vTint, 1.0); }`;
 
-// Points with a colour each, of a size in pixels.
+// Points with a color each, of a size in pixels.
 export function makePoints(positions, size) {
   const geometry = new BufferGeometry();
   geometry.setAttribute('position', new BufferAttribute(positions, 3));
@@ -46,7 +46,7 @@ export function setPointColors(points, colorOf) {
 }
 
 // A camera: the edges of its pyramid, a mark at the upper edge, and a line to
-// the centre of its rig, which joins the cameras of a frame into one body.
+// the center of its rig, which joins the cameras of a frame into one body.
 const CAMERA_LINES = [
   [0, 0, 0], [-1, -1, 1], [0, 0, 0], [1, -1, 1], [0, 0, 0], [1, 1, 1],
   [0, 0, 0], [-1, 1, 1], [-1, -1, 1], [1, -1, 1], [1, -1, 1], [1, 1, 1],
@@ -54,7 +54,7 @@ const CAMERA_LINES = [
   [0, -1.35, 1], [0, -1.35, 1], [0.4, -1, 1], [0, 0, 0], [0, 0, -1],
 ];
 
-// z = -1 stands for the centre of the rig.
+// z = -1 stands for the center of the rig.
 const CAMERA_VERTEX = `
 attribute vec3 center;
 attribute vec4 rotation;

@@ -76,7 +76,7 @@ export function buildControls(root, data, view, actions) {
       select('cameras by', 'camera_color', cameraColors, options.cameraColor,
              recolor('cameraColor')),
       select('points by', 'point_color',
-             [['color', 'colour'], ['error', 'reprojection error'], ['length', 'track length']],
+             [['color', 'color'], ['error', 'reprojection error'], ['length', 'track length']],
              options.pointColor, recolor('pointColor')),
       slider('point size', 'point_size', [1, 8, 0.5, options.pointSize], change('pointSize')),
       slider('camera size', 'camera_size', [-1.5, 1.5, 0.1, Math.log10(options.cameraSize)],

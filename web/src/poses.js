@@ -62,7 +62,7 @@ export class Poses {
   }
 
   // A position for every frame: for those that are not registered, between
-  // their neighbours. NaN if there is none at all.
+  // their neighbors. NaN if there is none at all.
   pathPositions() {
     const {numFrames} = this.data;
     const positions = new Float32Array(3 * numFrames).fill(NaN);

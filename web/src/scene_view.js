@@ -198,7 +198,7 @@ export class SceneView {
     return makeLines(pathSegments(positions, 20 * this.step), color);
   }
 
-  // ------------------------------------------------------------- colours
+  // ------------------------------------------------------------- colors
 
   recolor() {
     setPointColors(this.points, pointColoring(this.data, this.options.pointColor,
@@ -214,7 +214,7 @@ export class SceneView {
     this.requestRender();
   }
 
-  // The entries of the legend: [name, css colour] or a scale.
+  // The entries of the legend: [name, css color] or a scale.
   legends() {
     return [cameraColoring(this.data, this.options.cameraColor),
             pointColoring(this.data, this.options.pointColor, this.hasColors)].filter(
@@ -421,7 +421,7 @@ export class SceneView {
         Math.tan(0.5 * this.camera.fov * Math.PI / 180);
   }
 
-  // Cameras that are large enough to be recognised, and some of the others.
+  // Cameras that are large enough to be recognized, and some of the others.
   chooseCameras() {
     const {data} = this;
     const maxDistance = this.bodySize() * this.focalPx() / MIN_BODY_PX;

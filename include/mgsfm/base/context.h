@@ -20,13 +20,13 @@ struct Progress {
 // The environment of a stage: threads, random seed, logging, progress and
 // cancellation. The library itself prints nothing; null callbacks are ignored.
 // `log` and `progress` are called only from the thread that called the stage,
-// `is_cancelled` from any thread.
+// `is_canceled` from any thread.
 struct Context {
   int num_threads = 1;
   uint64_t random_seed = 0;
   std::function<void(LogLevel, const std::string&)> log;
   std::function<void(const Progress&)> progress;
-  std::function<bool()> is_cancelled;
+  std::function<bool()> is_canceled;
 
   void Debug(const std::string& message) const;
   void Info(const std::string& message) const;

@@ -22,7 +22,7 @@ class ContractError : public std::logic_error {
       : std::logic_error(message) {}
 };
 
-// Thrown when Context::is_cancelled returns true. Unwinds the run without
+// Thrown when Context::is_canceled returns true. Unwinds the run without
 // writing any output.
 class Interrupted : public std::runtime_error {
  public:

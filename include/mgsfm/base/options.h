@@ -105,7 +105,7 @@ class Option {
   OptionInfo info_;
 };
 
-// The names of the values of an enum option. Specialise with
+// The names of the values of an enum option. Specialize with
 // `static constexpr std::pair<std::string_view, E> kNames[] = {...};`.
 template <class E>
 struct EnumTable;

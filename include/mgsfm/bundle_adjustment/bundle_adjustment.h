@@ -25,7 +25,7 @@ namespace mgsfm {
 // Bundle adjustment of rigs (MGSfM, section 3.5, eq. 20).
 //
 // Unknowns: frame poses, rig extrinsics, points and, if enabled, intrinsics.
-// R, c are rotation and centre of a frame; S, t are sensor_from_rig, constant
+// R, c are rotation and center of a frame; S, t are sensor_from_rig, constant
 // identity for the reference sensor; f are focal lengths.
 //
 // Objective:
@@ -43,28 +43,28 @@ namespace mgsfm {
 //   does not determine them. sigma_f is larger if f_0 is not a prior.
 // - Refined sensors k with prior extrinsics S_0, t_0. sigma_t is a fraction of
 //   the largest prior |t_0| of the rig.
-// - Images i with a measured position g_i (covariance C_i) of their centre c_i.
+// - Images i with a measured position g_i (covariance C_i) of their center c_i.
 //   rho_g is Cauchy.
 // - Images j with a measured direction of gravity u_j.
 //
 // Gauge. The frame with the most observations is fixed. With gravity terms, its
-// centre is fixed, and a weak term fixes its heading. Scale is fixed through
+// center is fixed, and a weak term fixes its heading. Scale is fixed through
 // one coordinate: the largest among the offset of a distant frame (75 %
 // quantile) and the sensor translations. Exceptions:
 // - Scale is free if two sensors of a frame are fixed, or have priors, at
-//   different centres: known extrinsics determine it.
+//   different centers: known extrinsics determine it.
 // - Nothing is fixed in addition if any frame is fixed by FixedPoses, if all
 //   frames or all points are constant, or if there are position priors.
 //
 // Method: Levenberg-Marquardt with analytic derivatives. Points are eliminated
-// first (Schur complement), frames by sparse Cholesky factorisation, extrinsics
+// first (Schur complement), frames by sparse Cholesky factorization, extrinsics
 // and intrinsics last.
 //
 // Stopping criterion of a solve: |cost - new cost| <= function_tolerance cost;
 // src/estimation/rig_solver/rig_solver.h has the others.
 //
 // Cost of an iteration: linear in the observations, for each point quadratic in
-// the number of frames that observe it, and the factorisation. Results are the
+// the number of frames that observe it, and the factorization. Results are the
 // same to the last bit for every number of threads.
 
 enum class RefineMode {

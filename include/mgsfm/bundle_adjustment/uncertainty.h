@@ -23,7 +23,7 @@ namespace mgsfm {
 //
 // The six coordinates of a pose are a rotation (radians, R <- Exp(w) R) and a
 // translation. Sensors: both in the camera frame (S, t). Frames: the rotation
-// in the rig frame, the translation of the centre in the world frame.
+// in the rig frame, the translation of the center in the world frame.
 //
 // Gauge: that of bundle adjustment. Covariances of frames are relative to the
 // fixed frame. If the unit of length is arbitrary, they are also relative to
@@ -59,7 +59,7 @@ struct CovarianceResult {
 };
 
 // `options` and `priors` are those of the adjustment of the model. Cost: one
-// linearisation and factorisation, and six triangular solves per pose.
+// linearization and factorization, and six triangular solves per pose.
 [[nodiscard]] CovarianceResult ComputeCovariances(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
@@ -73,8 +73,8 @@ void ListUnobservable(const Scene& scene, const Reconstruction& reconstruction,
 // for constant parameters, empty for cameras without observations. nullopt if
 // the equations cannot be solved. Residuals that depend on those nearby in the
 // image, as errors of the lens model do, count less
-// (src/estimation/bundle_adjustment/residual_field.h). Cost: one linearisation
-// and factorisation.
+// (src/estimation/bundle_adjustment/residual_field.h). Cost: one linearization
+// and factorization.
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
 ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
                        const BundleAdjustmentOptions& options,

@@ -99,7 +99,7 @@ struct DatabaseSelection {
   std::function<bool(const std::string&, const std::string&)> has_pair = {};
 };
 
-// Reads a database of any schema from COLMAP 3.8 to 4.2, recognised by its
+// Reads a database of any schema from COLMAP 3.8 to 4.2, recognized by its
 // tables and columns. Creates no lock, journal or shared-memory file, so a
 // read-only folder suffices. If a write-ahead log (or a rollback journal of an
 // interrupted writer) holds changes, reads a copy of both in the folder for

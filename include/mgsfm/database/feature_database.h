@@ -41,11 +41,11 @@ struct FeatureKeypoint {
 using DescriptorMatrix =
     Eigen::Matrix<uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Measured position of the camera centre of an image, and direction of gravity.
+// Measured position of the camera center of an image, and direction of gravity.
 struct PosePriorRow {
   enum class CoordinateSystem : int {
     kUndefined = -1,
-    kWgs84 = 0,  // latitude and longitude in degrees, altitude in metres
+    kWgs84 = 0,  // latitude and longitude in degrees, altitude in meters
     kCartesian = 1,
   };
   ImageId image_id{0};

@@ -18,13 +18,13 @@ struct ImagePoses {
   std::string name;
   bool is_reference = false;  // image of the reference sensor of its rig
   std::optional<Rigid3> cam_from_model;  // nullopt: not registered
-  Rigid3 cam_from_world;  // ground truth, in metres if it is metric
+  Rigid3 cam_from_world;  // ground truth, in meters if it is metric
 };
 
 struct SensorPoses {
   std::string name;
   std::optional<Rigid3> sensor_from_ref;       // in the unit of the model
-  std::optional<Rigid3> true_sensor_from_ref;  // in metres if it is metric
+  std::optional<Rigid3> true_sensor_from_ref;  // in meters if it is metric
 };
 
 // The transforms that may align a model with the ground truth.
@@ -42,19 +42,19 @@ struct EnumTable<Alignment> {
       {"none", Alignment::kNone}};
 };
 
-// The similarity transform world_from_model that minimises
+// The similarity transform world_from_model that minimizes
 //
 //   sum_i |s R c_i + t - g_i|^2 + mu^2 |R - R_i|^2 / 2,            (1)
 //
-// where c_i and g_i are the estimated and true centres, R_i is the rotation
+// where c_i and g_i are the estimated and true centers, R_i is the rotation
 // between the worlds implied by the orientation of image i, d is the root mean
 // square distance of the g_i from their mean, and mu = 0.05 d. The second term
-// is negligible if the centres determine R. For straight paths it determines
+// is negligible if the centers determine R. For straight paths it determines
 // the rotation about the path. If all g_i coincide, orientations determine R,
 // and s = 1.
 //
 // (1) excludes outliers: images with residuals above ten times the median
-// residual of an initial fit and above 0.01 d. The initial fit minimises the
+// residual of an initial fit and above 0.01 d. The initial fit minimizes the
 // sum of min(distance, d), starting from the best fit to two images. With
 // kRigid, s = 1; with kNone, the transform is the identity. nullopt without
 // images.
@@ -85,7 +85,7 @@ struct StepErrors {
 
 struct AreaUnderCurve {
   double threshold = 0.0;  // degrees, or the unit of the ground truth
-  // Area under the recall curve, normalised to [0, 1]: the mean over e in
+  // Area under the recall curve, normalized to [0, 1]: the mean over e in
   // [0, threshold] of the fraction of all images with an error of at most e.
   double area = 0.0;
 };
@@ -102,7 +102,7 @@ struct EvaluationOptions {
   std::vector<double> position_thresholds_m = {0.05, 0.1, 0.5, 1.0};
   std::vector<double> rotation_thresholds_deg = {0.5, 1.0, 5.0};
   Alignment alignment = Alignment::kSimilarity;
-  // Whether the unit of the ground truth is the metre.
+  // Whether the unit of the ground truth is the meter.
   bool is_metric = true;
 };
 

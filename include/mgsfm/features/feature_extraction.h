@@ -19,7 +19,7 @@ namespace mgsfm {
 //      the diagonal of 43.27 mm), or focal length and focal plane resolution;
 //   3. otherwise default_focal_length_factor times the larger side.
 // Focal lengths of 1 and 2 are priors and are trusted; 3 is a guess to be
-// refined. In cases 2 and 3 the principal point is the image centre and there
+// refined. In cases 2 and 3 the principal point is the image center and there
 // is no distortion. An image whose size differs from its camera is rejected.
 struct ImageReaderOptions {
   Option<bool> single_camera{"single_camera", false,
@@ -88,7 +88,7 @@ struct SiftOptions {
                                 "levels", "Number of levels per octave."};
   Option<double> peak_threshold{
       "peak_threshold", 0.02 / 3.0, GreaterThan(0.0),
-      "Peak threshold for detection, in grey values from 0 to 1. Decrease it "
+      "Peak threshold for detection, in gray values from 0 to 1. Decrease it "
       "for images of low contrast."};
   Option<double> edge_threshold{"edge_threshold", 10.0, GreaterThan(1.0),
                                 "Edge threshold for detection: maximum ratio "

@@ -16,7 +16,7 @@ namespace mgsfm {
 // The skeletal graph (mgsfm/pair_filtering/pair_filtering.h) decides: each pair
 // of frames in it is an edge, weighted by its triplet-consistent matches. It is
 // cut into connected clusters of similar size
-// (src/foundation/math/graph_partition.h), never at a weak seam. Neighbouring
+// (src/foundation/math/graph_partition.h), never at a weak seam. Neighboring
 // clusters overlap, so that common frames determine their relative pose.
 // Keypoints are not needed, and the relative poses of pairs are not used.
 

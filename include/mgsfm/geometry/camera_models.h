@@ -12,7 +12,7 @@ namespace mgsfm {
 
 // The camera models of COLMAP 4.2 with the same ids, names and parameter
 // orders. Pixels: (0, 0) is the upper left corner of the image, (0.5, 0.5) the
-// centre of the first pixel. Camera frame: x right, y down, z forward.
+// center of the first pixel. Camera frame: x right, y down, z forward.
 enum class CameraModelId : int32_t {
   kSimplePinhole = 0,
   kPinhole = 1,
@@ -60,7 +60,7 @@ using PixelJacobianParams =
 
 // Projects a point or ray in the camera frame to pixels; positive multiples
 // have the same projection. nullopt outside the domain of the model: at the
-// centre of projection, behind a perspective camera (z <= 0), or where the
+// center of projection, behind a perspective camera (z <= 0), or where the
 // distortion is not monotonic. Non-null pointers receive the Jacobians
 // d(pixel)/d(point), 2 x 3, and d(pixel)/d(params), 2 x num_params.
 std::optional<Eigen::Vector2d> ProjectToPixel(
@@ -89,7 +89,7 @@ std::optional<Eigen::Vector3d> RayFromPixel(CameraModelId model,
                                             const double* params,
                                             const Eigen::Vector2d& pixel);
 
-// Pixels per radian near the image centre: the mean focal length, or w / 2 pi
+// Pixels per radian near the image center: the mean focal length, or w / 2 pi
 // for an equirectangular image. Converts pixel thresholds to angles.
 double PixelsPerRadian(CameraModelId model, const double* params);
 

@@ -11,7 +11,7 @@ namespace mgsfm {
 using PoseMatrix = Eigen::Matrix<double, 6, 6>;
 
 // A rigid transform b_from_a: x_in_b = rotation * x_in_a + translation.
-// Names compose by cancelling: c_from_a = c_from_b * b_from_a.
+// Names compose by canceling: c_from_a = c_from_b * b_from_a.
 struct Rigid3 {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();

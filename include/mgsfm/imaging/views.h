@@ -54,7 +54,7 @@ struct ViewOptions {
       "Maximum width or height of undistorted images; -1: no limit."};
   Option<bool> center_principal_point{
       "center_principal_point", false,
-      "Crop images so that the principal point is their centre, as some "
+      "Crop images so that the principal point is their center, as some "
       "programs assume."};
 
   template <class Visitor>
@@ -64,7 +64,7 @@ struct ViewOptions {
   }
 };
 
-// A pinhole image of a part of what a camera sees, from the same centre.
+// A pinhole image of a part of what a camera sees, from the same center.
 struct View {
   std::string name;  // "front", "left", ...; "" for a pinhole image
   Eigen::Quaterniond view_from_cam = Eigen::Quaterniond::Identity();
@@ -74,7 +74,7 @@ struct View {
 };
 
 // The views of a camera; the first one has its orientation. Resolution is that
-// of the original at its centre, so a view does not lose detail unless
+// of the original at its center, so a view does not lose detail unless
 // max_image_size demands it. Faces of a cube overlap if they have more than 90
 // degrees; those that see nothing are omitted.
 //

@@ -18,7 +18,7 @@ enum class Cause {
   kNoSharedFrames,          // several cameras, but no rig
   kWrongImageSize,          // keypoints do not fit the size of the camera
   kCameraLag,               // a camera is late by a number of frames
-  kUnsynchronised,          // cameras are late by parts of a frame interval
+  kUnsynchronized,          // cameras are late by parts of a frame interval
   kMirroredCamera,          // or mounted upside down
   kForeignCamera,           // does not move with the rig
   kSwappedCameras,          // in a part of the frames
@@ -44,7 +44,7 @@ struct EnumTable<Cause> {
       {"no_shared_frames", Cause::kNoSharedFrames},
       {"wrong_image_size", Cause::kWrongImageSize},
       {"camera_lag", Cause::kCameraLag},
-      {"unsynchronised", Cause::kUnsynchronised},
+      {"unsynchronized", Cause::kUnsynchronized},
       {"mirrored_camera", Cause::kMirroredCamera},
       {"foreign_camera", Cause::kForeignCamera},
       {"swapped_cameras", Cause::kSwappedCameras},

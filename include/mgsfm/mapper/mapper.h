@@ -80,7 +80,7 @@ struct MapperOptions {
 
   Option<std::string> metric_scale{
       "metric_scale", "",
-      "known_baseline=CAMERA1:CAMERA2:METRES scales models such that the two "
+      "known_baseline=CAMERA1:CAMERA2:METERS scales models such that the two "
       "cameras of a rig are this far apart. Neither a known rig nor measured "
       "positions need it."};
   Option<WeakSeams> weak_seams{
@@ -137,7 +137,7 @@ struct MapperModel {
   TranslationSummary translation;
   BundleSummary bundle;
   std::optional<PositionPriorSummary> position_priors;  // if some are given
-  std::optional<double> metres_per_unit;  // applied, by the known baseline
+  std::optional<double> meters_per_unit;  // applied, by the known baseline
   std::optional<GravitySummary> gravity;  // if it was measured
   std::vector<FocalLengthCheck> focal_lengths;  // of those refined
   std::optional<CovarianceResult> covariances;  // if asked for
@@ -247,7 +247,7 @@ using ModelObserver = std::function<void(const Reconstruction& model)>;
 struct MapperInput {
   Scene scene;           // images, frames, rigs and cameras
   ViewGraph view_graph;  // verified matches between the images of the scene
-  // Measured camera centres. Models are registered to the world of the
+  // Measured camera centers. Models are registered to the world of the
   // positions if these determine it, and deformed towards them if they drifted.
   PositionPriors position_priors = {};
   // Measured directions of gravity. Models that neither position priors nor an

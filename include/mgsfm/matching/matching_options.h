@@ -247,10 +247,10 @@ struct SpatialMatchingOptions {
       "their altitudes are accurate."};
   Option<int> max_num_neighbors{
       "max_num_neighbors", 50, AtLeast(1), "images",
-      "Maximum number of nearest neighbours to match."};
+      "Maximum number of nearest neighbors to match."};
   Option<double> max_distance{
       "max_distance", 100.0, GreaterThan(0.0), "m",
-      "Maximum distance between the query and its nearest neighbours."};
+      "Maximum distance between the query and its nearest neighbors."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

@@ -62,12 +62,12 @@ ImageAgreement CompareCenters(const std::vector<ImagePoses>& images,
 constexpr double kMinAgreeingShare = 0.25;
 
 // The rigid transform to a world with z up, whose plane z = 0 is that of the
-// path: through the mean centre of the frames, with x along their principal
-// axis. The normal n minimises
+// path: through the mean center of the frames, with x along their principal
+// axis. The normal n minimizes
 //
 //   n^T C n / tr(C) - mu^2 (n . u)^2,
 //
-// where C is the covariance of the centres, u is the mean upward axis (-y) of
+// where C is the covariance of the centers, u is the mean upward axis (-y) of
 // the reference images, and mu = 0.05. The second term decides where a path is
 // straight. n points to the side of u, or against the mean viewing direction if
 // cameras look down. With a measured upward direction, that is n. nullopt

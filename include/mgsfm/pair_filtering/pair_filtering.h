@@ -24,9 +24,9 @@ namespace mgsfm {
 // cameras of a rig vote together.
 //
 // 1. Skeletal graph (Snavely, Seitz, Szeliski, CVPR 2008; skeletal_graph.h).
-//    Neighbouring frames share most of what they see, duplicates share only the
+//    Neighboring frames share most of what they see, duplicates share only the
 //    duplicate. A sparse graph of the strongest pairs gives first rotations and
-//    positions. In a sequence, neighbours in time come first.
+//    positions. In a sequence, neighbors in time come first.
 // 2. Triplet support (Zach, Klopschitz, Pollefeys, CVPR 2010;
 //    triplet_consistency.h). A match counts as support if a third image matches
 //    both of its keypoints. Unrelated places have no such matches.
@@ -47,21 +47,21 @@ namespace mgsfm {
 // 7. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate. If all
-//    neighbours contradict a step of a sequence (displaced_steps.h), rotations
+//    neighbors contradict a step of a sequence (displaced_steps.h), rotations
 //    that drift are corrected first.
 //
 // Rules 3 and 7 reject nothing if they would reject more than a third of the
 // pairs they judge: then the skeleton is wrong, not the pairs.
 //
 // Known limits. Duplicates closer than the drift bound are accepted. If the
-// neighbours of a place are missing, its duplicate can be the strongest pair.
+// neighbors of a place are missing, its duplicate can be the strongest pair.
 // Without temporal order, objects that move along with the rig look like static
 // structure.
 
 // Whether frames are in the order in which they were captured, by their
 // timestamps or names.
 enum class SequenceMode {
-  kAuto,  // yes if neighbours in that order share more matches than chance
+  kAuto,  // yes if neighbors in that order share more matches than chance
           // explains
   kYes,
   kNo,
@@ -79,7 +79,7 @@ struct PairFilteringOptions {
   Option<SequenceMode> is_sequence{
       "is_sequence", SequenceMode::kAuto,
       "Whether timestamps or names give the temporal order of frames. Then "
-      "pairs of neighbours decide how the trajectory continues, not loop "
+      "pairs of neighbors decide how the trajectory continues, not loop "
       "pairs."};
   Option<bool> use_skeletal_graph{
       "use_skeletal_graph", true,
@@ -109,7 +109,7 @@ struct PairFilteringOptions {
   Option<bool> use_baseline_drift_bound{
       "use_baseline_drift_bound", true,
       "Ignore baselines beyond the drift bound of the skeletal graph when "
-      "positions are initialised."};
+      "positions are initialized."};
   Option<bool> use_baseline_consistency{
       "use_baseline_consistency", true,
       "Reject pairs whose baseline contradicts the estimated positions."};
@@ -210,7 +210,7 @@ struct RejectionCount {
 // EnumName() gives the name of a reason in the report.
 std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts);
 
-// Rejected pairs between two stretches of neighbouring frames: first_frame_idx1
+// Rejected pairs between two stretches of neighboring frames: first_frame_idx1
 // to last_frame_idx1 and first_frame_idx2 to last_frame_idx2. A large group
 // indicates duplicate structures.
 struct RejectedGroup {

@@ -90,12 +90,12 @@ struct PosePriorOptions {
                           PositionKind kind, const std::string& source);
 
 // The priors of a scene; empty if the options use none. Positions given in
-// degrees become metres east, north and up of the first of them, by the name of
+// degrees become meters east, north and up of the first of them, by the name of
 // the image. Throws Error, naming the image, for a position or covariance that
 // is not finite or not possible, for a mixture of coordinate systems, and for
 // an image that is unknown or repeated. Also throws Error for a file that
 // cannot be read, if there is no position at all, and if positions are GPS, but
-// known poses in a rig cannot be in metres. `source` names the rows in
+// known poses in a rig cannot be in meters. `source` names the rows in
 // messages.
 [[nodiscard]] PositionPriors MakePositionPriors(
     const Scene& scene, const std::vector<PosePriorRow>& rows,
@@ -128,7 +128,7 @@ void WriteGeoOrigin(const std::string& path,
 [[nodiscard]] std::optional<Eigen::Vector3d> ReadGeoOrigin(
     const std::string& model_folder);
 // Throws Error, naming `source`, unless latitude and longitude (degrees) and
-// altitude (metres) are valid.
+// altitude (meters) are valid.
 void CheckGeoOrigin(const Eigen::Vector3d& origin_wgs84,
                     const std::string& source);
 

@@ -52,12 +52,12 @@ namespace mgsfm {
 // first frame. S_k of reference sensors and known sensors is fixed.
 // Stopping criteria of IRLS: max_i |step_i| <= step_tolerance_deg at the final
 // scale, or max_num_iterations.
-// Cost: one sparse Cholesky factorisation of a frames x frames matrix in each
+// Cost: one sparse Cholesky factorization of a frames x frames matrix in each
 // iteration, with 3 + 9 K right-hand sides for K unknown sensors.
 //
 // Gravity priors u (unit vectors in the camera) add the terms
 // sum_g w_g rho_g(angle((S_k G_f)^T u, y)^2) / 2 to step 4, after each
-// component was levelled as a whole. The world then has gravity along +y, and
+// component was leveled as a whole. The world then has gravity along +y, and
 // its tilt does not grow with the length of the trajectory. w_g is the ratio of
 // the variances of e and of the priors; rho_g is the loss of Geman and McClure.
 // Priors with errors of more than four standard deviations are reported.
@@ -68,8 +68,9 @@ namespace mgsfm {
 // forest.
 //
 // Robust averaging resists wrong pairs that disagree with each other. Duplicate
-// structures agree; src/mapper/mapper/rotation_recipe.h combines averaging with
-// the filters of mgsfm/pair_filtering/pair_filtering.h against them.
+// structures agree; src/estimation/rotation_averaging/rotation_estimation.h
+// combines averaging with the filters of mgsfm/pair_filtering/pair_filtering.h
+// against them.
 enum class RotationStrategy {
   kAuto,  // decoupled
   kDecoupled,
@@ -97,7 +98,7 @@ struct RotationAveragingOptions {
   Option<int> inlier_cap{
       "inlier_cap", 200, AtLeast(1), "matches",
       "Matches beyond this count do not increase the weight of a pair."};
-  // Maximum number of linearisations of L1 averaging.
+  // Maximum number of linearizations of L1 averaging.
   int max_num_l1_iterations = 5;
   Option<int> max_num_iterations{
       "max_num_iterations", 100, AtLeast(1), "iterations",

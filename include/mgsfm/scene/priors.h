@@ -10,17 +10,17 @@
 
 namespace mgsfm {
 
-// The measured position of a camera centre, for example by GPS, in metres or
+// The measured position of a camera center, for example by GPS, in meters or
 // in the unit of its world.
 struct PositionMeasurement {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
 };
 
-// Measured positions of the camera centres of images, in one common world.
+// Measured positions of the camera centers of images, in one common world.
 struct PositionPriors {
   std::vector<std::optional<PositionMeasurement>> images;  // empty: none
-  // Latitude and longitude (degrees, WGS84) and altitude (metres) of the origin
+  // Latitude and longitude (degrees, WGS84) and altitude (meters) of the origin
   // if the world is a local tangent plane: x east, y north, z up.
   std::optional<Eigen::Vector3d> origin_wgs84;
   // Positions at latitude 0, longitude 0 that were rejected: receivers write
@@ -32,7 +32,7 @@ struct PositionPriors {
 
 // The direction of gravity as an inertial sensor measures it: per image, a unit
 // vector in the camera frame, (0, 1, 0) for an upright camera. Models that are
-// levelled by it have gravity along +y.
+// leveled by it have gravity along +y.
 struct GravityPriors {
   std::vector<std::optional<Eigen::Vector3d>> images;  // empty: none
 
@@ -56,7 +56,7 @@ struct ModelDeformation {
 struct PositionPriorSummary {
   struct Outlier {
     int image_idx = 0;
-    double distance = 0.0;  // from the position to the image's centre
+    double distance = 0.0;  // from the position to the image's center
 
     auto Fields() const {
       return Named("image", As<Item::kImageName>(image_idx), "distance",

@@ -41,7 +41,7 @@ namespace mgsfm {
 //   few ties       if few points tie its sides. Two frames also agree on an
 //                  object that moves; more frames agree on it only if it moves
 //                  as the model does.
-//   jump           if neighbours in time on both sides contradict the motion of
+//   jump           if neighbors in time on both sides contradict the motion of
 //                  the rig. It is the weakest cut between them, and its
 //                  confidence is 0.
 //   contradicted   if the share against it is large. Nothing counts against a
@@ -64,7 +64,7 @@ struct ConfidenceOptions {
 enum class SeamReason {
   kFewTies,       // few points tie the sides together
   kContradicted,  // a group of rejected pairs disagrees with the model
-  kJump,          // neighbours in time are not where the rig moved
+  kJump,          // neighbors in time are not where the rig moved
 };
 
 template <>

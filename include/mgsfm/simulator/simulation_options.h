@@ -13,11 +13,11 @@ enum class RigPreset {
   kMono,         // one forward-facing camera
   kStereo,       // KITTI: two parallel forward-facing cameras, baseline 0.54 m
   kKitti360,     // forward stereo and two lateral fisheyes, almost no overlap
-  kCube6,        // six fisheyes facing outwards, 0.1 m from a common centre
+  kCube6,        // six fisheyes facing outwards, 0.1 m from a common center
   kSmallStereo,  // two parallel cameras, baseline 0.11 m
   kBackToBack,   // two fisheyes facing opposite directions
   kOblique,      // one camera and four that are tilted by 45 degrees
-  kDome,         // eight cameras on a circle of 2 m radius that face its centre
+  kDome,         // eight cameras on a circle of 2 m radius that face its center
 };
 
 enum class PathPreset {

@@ -35,7 +35,7 @@ namespace mgsfm {
 // b_s. sigma is the noise of the keypoints, rho is the loss of bundle
 // adjustment.
 //
-// Hyperparameters. The quantities that all images of a sensor share maximise
+// Hyperparameters. The quantities that all images of a sensor share maximize
 // the likelihood of the keypoints with the deviations integrated out (Laplace's
 // approximation), so standard deviations neither collapse nor diverge. Let P_ij
 // be the posterior covariance of the deviations x_i, x_j of a frame under (1),
@@ -45,7 +45,7 @@ namespace mgsfm {
 //               with C_i = I - P_ii / a^2 (rotation block) and n = m / (m - 1)
 //               for m images in the frame. This is Fisher scoring, limited to a
 //               factor of 25. b^2 likewise.
-//   extrinsics: generalised least squares: all S_s move by
+//   extrinsics: generalized least squares: all S_s move by
 //               (sum J_i^T W_ij J_j)^-1 sum J_i^T A_s^-1 x_i, where J_i is the
 //               derivative of S_s D_i. Fixed extrinsics do not move.
 //   time:       kTimeOffset only: D_i = T(t_i + offset_s) T(t_f)^-1 with the
@@ -65,7 +65,7 @@ namespace mgsfm {
 // deviation counts as zero (rigid) if the images determine less than 1/50 of
 // the deviations: mean tr C_i / 3 < 0.02.
 //
-// Cost of a round: one solve of (1), one factorisation, and six triangular
+// Cost of a round: one solve of (1), one factorization, and six triangular
 // solves with it per image in the sums. The first rounds also triangulate all
 // points again.
 

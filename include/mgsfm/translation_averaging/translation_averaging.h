@@ -14,8 +14,8 @@
 
 namespace mgsfm {
 
-// Translation averaging: frame centres c^g and translations t^r of
-// sensor_from_rig from known rotations (section 3.4 of MGSfM). The centre of
+// Translation averaging: frame centers c^g and translations t^r of
+// sensor_from_rig from known rotations (section 3.4 of MGSfM). The center of
 // image i is c_i = c^g - R_i^T t^r, with R_i its cam_from_world. Stages, each
 // with its objective in the header named:
 //
@@ -38,7 +38,7 @@ namespace mgsfm {
 // baseline of pairs is about 1.
 //
 // Cost: linear in matches and observations, except for the scale ratios, which
-// are quadratic in the pairs of an image, and the sparse factorisations of
+// are quadratic in the pairs of an image, and the sparse factorizations of
 // stages 2 (3 unknowns per frame), 3 and 5.
 
 struct TranslationAveragingOptions {
@@ -87,7 +87,7 @@ struct TranslationSummary {
   int num_pairs_without_parallax = 0;
   int num_pairs_inconsistent = 0;  // no direction explains their matches
   int num_pairs_inconsistent_with_positions = 0;  // by direction or length
-  // Steps of a sequence that nearly all pairs of neighbours contradict.
+  // Steps of a sequence that nearly all pairs of neighbors contradict.
   int num_displaced_steps = 0;
   // The number of corrections of the rotations because of such steps.
   int num_rotation_corrections = 0;
@@ -129,9 +129,9 @@ struct
 
 // Averages once. Trusts all pairs with rotations.pair_is_inlier, unless hooks
 // reject some: those of the mapper filter pairs by their baselines
-// (src/mapper/mapper/position_recipe.h). All frames with a rotation must be in
-// one connected component. Frames that could not be placed and points of
-// `tracks` that could not be triangulated are nullopt.
+// (src/estimation/translation_averaging/position_estimation.h). All frames with
+// a rotation must be in one connected component. Frames that could not be
+// placed and points of `tracks` that could not be triangulated are nullopt.
 [[nodiscard]] TranslationResult AverageTranslations(
     const TranslationAveragingInput& input,
     const TranslationAveragingOptions& options, const Context& context,

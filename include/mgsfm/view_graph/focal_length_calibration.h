@@ -39,7 +39,7 @@ namespace mgsfm {
 // for each. Then Gauss-Newton in all unknowns with the E_k eliminated. It stops
 // if max |ds| < 1e-3, if five halvings of a step do not decrease the cost, or
 // after 20 steps. Pairs whose median residual exceeds three times that of the
-// median pair are dropped, and the minimisation is repeated.
+// median pair are dropped, and the minimization is repeated.
 //
 // Some motions do not constrain focal lengths: translation along the optical
 // axis or sideways without rotation, and a camera whose optical axis stays in a

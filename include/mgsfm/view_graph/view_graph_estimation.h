@@ -40,9 +40,9 @@ struct ViewGraphOptions {
 
 struct ViewGraphSummary {
   int num_pairs = 0;         // of the input
-  int num_from_row = 0;      // kept, initialised by the input relative pose
-  int num_decomposed = 0;    // kept, initialised by the input E, F or H
-  int num_reestimated = 0;   // kept, initialised by RANSAC
+  int num_from_row = 0;      // kept, initialized by the input relative pose
+  int num_decomposed = 0;    // kept, initialized by the input E, F or H
+  int num_reestimated = 0;   // kept, initialized by RANSAC
   int num_low_parallax = 0;  // kept without translation direction
   int num_dropped_few_inliers = 0;
   int num_dropped_config = 0;  // DEGENERATE or WATERMARK

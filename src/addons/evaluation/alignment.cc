@@ -46,11 +46,11 @@ struct Moments {
   Eigen::Vector3d true_mean = Eigen::Vector3d::Zero();
   Eigen::Matrix3d cross = Eigen::Matrix3d::Zero();     // true x model^T
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Zero();  // sum of rotations
-  double variance = 0.0;       // of the centres in the model
-  double true_variance = 0.0;  // of the true centres
+  double variance = 0.0;       // of the centers in the model
+  double true_variance = 0.0;  // of the true centers
   double weight = 0.0;
 
-  // Whether the estimated or the true centres differ by more than rounding.
+  // Whether the estimated or the true centers differ by more than rounding.
   bool HaveExtent() const {
     return variance > kRounding * kRounding * weight * mean.squaredNorm();
   }
@@ -81,7 +81,7 @@ Moments ComputeMoments(const std::vector<Sample>& samples,
   return m;
 }
 
-// Minimises (1) by alternating over rotation and scale.
+// Minimizes (1) by alternating over rotation and scale.
 Sim3 FitWeighted(const std::vector<Sample>& samples,
                  const std::vector<double>& weights, bool fits_scale) {
   const Moments m = ComputeMoments(samples, weights);
@@ -113,7 +113,7 @@ std::vector<double> Residuals(const std::vector<Sample>& samples,
   return residuals;
 }
 
-// The root mean square distance of the true centres from their mean.
+// The root mean square distance of the true centers from their mean.
 double TrueExtent(const std::vector<Sample>& samples) {
   const Moments m =
       ComputeMoments(samples, std::vector<double>(samples.size(), 1.0));

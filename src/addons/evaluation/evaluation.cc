@@ -66,7 +66,7 @@ std::optional<Sim3> AlignSensors(const std::vector<SensorPoses>& sensors) {
 
 std::vector<SensorErrors> EvaluateSensors(
     const std::vector<SensorPoses>& sensors, double scale) {
-  // Shorter translations (metres) have no direction.
+  // Shorter translations (meters) have no direction.
   constexpr double kNoLength = 1e-9;
   std::vector<SensorErrors> all_errors;
   for (const SensorPoses& sensor : sensors) {

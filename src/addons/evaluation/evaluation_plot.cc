@@ -35,7 +35,7 @@ constexpr const char* kFrameStyle = "stroke='#888'";
 
 // A frame, represented by its reference image.
 struct PathPoint {
-  double distance_m = 0.0;     // travelled so far
+  double distance_m = 0.0;     // traveled so far
   bool begins_segment = true;  // far from the previous frame
   Vector3d true_center = Vector3d::Zero();
   bool is_registered = false;

@@ -82,7 +82,7 @@ std::optional<ImportedImage> ReadImage(const std::string& name,
                        intrinsics[1], intrinsics[2], size_px)};
 }
 
-// Pixels count from the centre of the image, with y up.
+// Pixels count from the center of the image, with y up.
 ImportedPoint ReadPoint(const PlaceOfCamera& place_of_camera,
                         const ImportedModel& model, ImportText* text) {
   ImportedPoint point = ReadPositionAndColor(text);

@@ -31,7 +31,7 @@ struct ExportInput {
   const Reconstruction& model;
   // Poses of frames, or of the images of each camera in a file of their own.
   TrajectoryPoses poses = TrajectoryPoses::kFrame;
-  // Latitude, longitude (degrees) and altitude (metres) of the origin of a
+  // Latitude, longitude (degrees) and altitude (meters) of the origin of a
   // world that is east, north, up.
   std::optional<Eigen::Vector3d> origin_wgs84;
 };

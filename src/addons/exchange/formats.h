@@ -9,7 +9,7 @@ namespace mgsfm {
 
 // One per file of this folder; docs/reference/exchange.md describes them.
 
-// The points with their colours, binary.
+// The points with their colors, binary.
 std::vector<ExportedFile> WritePly(const ExportInput& input);
 // VisualSFM and Bundler (two files), as COLMAP writes them, except that pixels
 // in NVM move by as much as the principal point to the center of the image.
@@ -24,7 +24,7 @@ std::vector<ExportedFile> WriteTum(const ExportInput& input);
 std::vector<ExportedFile> WriteKitti(const ExportInput& input);
 std::vector<ExportedFile> WriteEuroc(const ExportInput& input);
 
-// Calibrations of the only rig. Pixels count from the centre of the first one
+// Calibrations of the only rig. Pixels count from the center of the first one
 // there.
 std::vector<ExportedFile> WriteKalibr(const ExportInput& input);
 std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input);

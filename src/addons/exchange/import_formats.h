@@ -35,12 +35,12 @@ std::vector<std::string> ImportFormatNames();
 const ImportFormat* GuessImportFormat(const std::filesystem::path& path);
 
 // VisualSFM, of which the first model is read. Principal points are those of a
-// fixed calibration, else the centres of the images. Pixels count from the
+// fixed calibration, else the centers of the images. Pixels count from the
 // principal point if any is negative, else from the upper left corner, as in
 // files of COLMAP. The only coefficient of distortion has COLMAP's sign.
 Model ReadNvm(const ImportInput& input, const Context& context);
 
-// Bundler v0.3. Principal points are the centres of the images.
+// Bundler v0.3. Principal points are the centers of the images.
 Model ReadBundler(const ImportInput& input, const Context& context);
 
 // transforms.json of nerfstudio and instant-ngp. The world is that of the file;

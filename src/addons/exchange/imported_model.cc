@@ -145,7 +145,7 @@ ImportedPoint ReadPositionAndColor(ImportText* text) {
   for (double& x : point.point_in_world) {
     x = text->Number("a coordinate of a point");
   }
-  for (uint8_t& c : point.color) c = text->Color("a colour from 0 to 255");
+  for (uint8_t& c : point.color) c = text->Color("a color from 0 to 255");
   return point;
 }
 

@@ -49,7 +49,7 @@ Camera MakeRadialCamera(double focal_length_px,
                         const Eigen::Vector2d& principal_point_px, double k1,
                         double k2, const Eigen::Vector2i& size_px);
 
-// The next words of a file: coordinates and colour of a point, whose track is
+// The next words of a file: coordinates and color of a point, whose track is
 // still empty.
 ImportedPoint ReadPositionAndColor(ImportText* text);
 

@@ -16,7 +16,7 @@ namespace mgsfm {
 namespace {
 
 constexpr char kImageLine[] =
-    "an image: name, focal length, qw qx qy qz, centre, distortion, 0";
+    "an image: name, focal length, qw qx qy qz, center, distortion, 0";
 
 // "FixedK fx cx fy cy" after the name of the format.
 struct FixedCalibration {

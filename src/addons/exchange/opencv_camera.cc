@@ -36,7 +36,7 @@ constexpr Distortion kDistortions[] = {
 OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
                             const std::string& format,
                             const std::vector<OpenCvDistortion>& permitted) {
-  // OpenCV puts the origin into the centre of the first pixel, COLMAP into its
+  // OpenCV puts the origin into the center of the first pixel, COLMAP into its
   // corner.
   constexpr double kPixelCenter = 0.5;
   const Camera& camera = input.model.cameras[camera_idx];

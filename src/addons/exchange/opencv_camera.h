@@ -17,7 +17,7 @@ enum class OpenCvDistortion {
 };
 
 // A camera in the convention of OpenCV, ROS and Kalibr: pixel (0, 0) is the
-// centre of the first one.
+// center of the first one.
 struct OpenCvCamera {
   double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;
   OpenCvDistortion distortion = OpenCvDistortion::kRadialTangential;

@@ -121,7 +121,7 @@ void SetProperty(const std::string& name, double value,
   }
 }
 
-// Colours that are not integers are from 0 to 1, unless one is larger.
+// Colors that are not integers are from 0 to 1, unless one is larger.
 double ScaleOfColors(const PlyHeader& header,
                      const std::vector<Eigen::Vector3d>& colors) {
   for (size_t i = 0; i < header.names.size(); ++i) {
@@ -237,7 +237,7 @@ std::vector<ImportedPoint> ReadPly(const fs::path& path) {
   for (size_t i = 0; i < points.size(); ++i) {
     const Eigen::Array3d color = (scale * colors[i].array()).round();
     if (!(color >= 0.0 && color <= 255.0).all()) {
-      Throw(path, "has a colour out of the range from 0 to 255");
+      Throw(path, "has a color out of the range from 0 to 255");
     }
     for (int k = 0; k < 3; ++k) {
       points[i].color[k] = static_cast<uint8_t>(color[k]);

@@ -10,7 +10,7 @@
 
 namespace mgsfm {
 
-// The points of a model with their colours as a PLY file, binary,
+// The points of a model with their colors as a PLY file, binary,
 // little-endian.
 std::string PointsToPly(const Reconstruction& model);
 

@@ -14,12 +14,12 @@ namespace mgsfm {
 // Relative similarities of sub-maps, and their average.
 //
 // Edges. Two sub-maps with at least three common images: the rotation is the
-// mean over these images, the translation the median of what their centres
+// mean over these images, the translation the median of what their centers
 // need. Other two sub-maps: matches between their images pair a point of each;
 // RANSAC finds the similarity on which most of these points agree. Its inliers
 // must be at least min_num_loop_points. The scale is the ratio of the rigs'
 // sensor offsets where both have them, because they share a calibration;
-// otherwise it is that of the common centres or points.
+// otherwise it is that of the common centers or points.
 //
 // Trust. The maximum spanning forest, weighted by common images and then by
 // points, places the sub-maps. Another edge is a loop closure. It contradicts
@@ -35,7 +35,7 @@ namespace mgsfm {
 // anchors are the mean of the common places and a tetrahedron around it of the
 // size of the common region. Stops when no anchor moves by more than 1e-9 of
 // the extent, or after 50 steps. Cost: linear in the edges, and a sparse
-// factorisation with seven unknowns per sub-map.
+// factorization with seven unknowns per sub-map.
 std::vector<SubMapEdge> MeasureEdges(const std::vector<SceneModel>& sub_maps,
                                      const std::vector<CrossPair>& pairs,
                                      const JoinOptions& options);

@@ -11,7 +11,7 @@ namespace {
 // mu in the header.
 constexpr double kUpwardWeight = 0.05;
 
-// The sum of outer products of the centres, relative to their mean.
+// The sum of outer products of the centers, relative to their mean.
 Eigen::Matrix3d Scatter(const std::vector<Eigen::Vector3d>& centers,
                         const Eigen::Vector3d& mean) {
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();

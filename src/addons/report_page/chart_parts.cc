@@ -11,7 +11,7 @@
 namespace mgsfm {
 
 std::string SensorColor(int order) {
-  // Okabe & Ito 2008, distinguishable with colour vision deficiencies.
+  // Okabe & Ito 2008, distinguishable with color vision deficiencies.
   static constexpr const char* kColors[] = {"#0072b2", "#e69f00", "#009e73",
                                             "#cc79a7", "#56b4e9", "#d55e00",
                                             "#b8a800", "#7f6bb3"};

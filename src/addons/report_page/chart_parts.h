@@ -18,10 +18,10 @@ constexpr char kCenterStyle[] = "font-size='12' text-anchor='middle'";
 constexpr char kGridStyle[] = "stroke='#e6e6e6'";
 constexpr char kFrameStyle[] = "stroke='#888'";
 
-// Colours of sensors in charts and in the 3D view (web/src/colors.js).
+// Colors of sensors in charts and in the 3D view (web/src/colors.js).
 std::string SensorColor(int order);
 
-// A colour from light to dark, for a value in [0, 1]: perceptually uniform
+// A color from light to dark, for a value in [0, 1]: perceptually uniform
 // (viridis, Smith & van der Walt 2015), at 9 nodes.
 Eigen::Vector3d SequentialColor(double value);
 

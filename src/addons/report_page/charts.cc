@@ -183,7 +183,7 @@ std::string ErrorHistogramChart(const PageModel& model) {
 
 namespace {
 
-// Cells coloured by their mean error; those without observations are empty.
+// Cells colored by their mean error; those without observations are empty.
 std::string ErrorMapUrl(const SensorStatistics& sensor, double max_error_px) {
   std::vector<uint8_t> rgba;
   for (const ImageCell& cell : sensor.cells) {
@@ -258,7 +258,7 @@ std::string ErrorMapChart(const PageModel& model) {
   DrawColorScale({70.0, 8.0}, "0 px", FormatNumber(max_error_px, 2) + " px",
                  &drawing);
   drawing.Text({300.0, 18.0},
-               "colour: mean error; arrows: mean residual where significant",
+               "color: mean error; arrows: mean residual where significant",
                kMutedStyle);
   for (size_t panel = 0; panel < sensors.size(); ++panel) {
     const SensorStatistics& sensor = model.statistics.sensors[sensors[panel]];

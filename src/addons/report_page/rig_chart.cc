@@ -27,7 +27,7 @@ struct DrawnSensor {
   int sensor_idx;
   Vector3d center;  // in the rig
   Vector3d forward;
-  std::optional<Matrix3d> covariance;  // of the centre
+  std::optional<Matrix3d> covariance;  // of the center
 };
 
 // The covariances of the translations of sensors, from the standard deviations

@@ -199,7 +199,7 @@ Json AddReasons(const PageModel& model, const ShownImages& shown,
   return reasons;
 }
 
-// The centres of frames in other poses, in the world of the model, and the
+// The centers of frames in other poses, in the world of the model, and the
 // errors of the alignment.
 void AddComparison(const PageModel& model, const PoseComparison& comparison,
                    bool other_is_world, const ShownImages& shown,
@@ -447,7 +447,7 @@ SceneData MakeSceneData(const PageModel& model,
   // Chosen by eye. Their sum of 0.99 leaves room for the directory of arrays.
   constexpr double kPointShare = 0.35, kTrackShare = 0.35,
                    kThumbnailShare = 0.29;
-  // Position 8, colour 3, error 1, length of the track 1.
+  // Position 8, color 3, error 1, length of the track 1.
   constexpr size_t kBytesPerPoint = 13;
   const auto share = [&](double part) {
     return static_cast<size_t>(part * num_left);

@@ -80,7 +80,7 @@ std::string Section(const std::string& id, const std::string& title,
          "</section>\n";
 }
 
-// SVG files use fixed colours; in the page they follow its theme.
+// SVG files use fixed colors; in the page they follow its theme.
 std::string ThemedChart(std::string svg, const std::string& label) {
   if (svg.empty()) return "";
   const std::pair<const char*, const char*> colors[] = {
@@ -368,7 +368,7 @@ std::string RigTable(const PageModel& model) {
     }
   }
   const std::string unit = " [" + LengthUnit(model) + "]";
-  return Table({"rig", "camera", "centre in the rig" + unit, "rotation [deg]",
+  return Table({"rig", "camera", "center in the rig" + unit, "rotation [deg]",
                 "sigma of translation" + unit, "sigma of rotation [deg]"},
                rows);
 }
@@ -499,7 +499,7 @@ std::string DetailSections(const PageModel& model) {
                      RigTable(model)) +
          Section("view_graph", "View graph",
                  ThemedChart(ViewGraphChart(model), "common points of frames") +
-                     "<p class=\"muted\">Neighbouring frames are on the "
+                     "<p class=\"muted\">Neighboring frames are on the "
                      "diagonal, loops away from it.</p>\n" +
                      RejectedPairsTable(model)) +
          Section("run", "Time and memory", RunContent(model));

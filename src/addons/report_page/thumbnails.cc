@@ -16,7 +16,7 @@
 namespace mgsfm {
 namespace {
 
-// Sufficient to recognise a place. A larger size or quality shows fewer images
+// Sufficient to recognize a place. A larger size or quality shows fewer images
 // within the bytes of a page.
 constexpr int kWidthPx = 192;
 constexpr int kJpegQuality = 60;

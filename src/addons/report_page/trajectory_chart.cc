@@ -29,7 +29,7 @@ constexpr double kMinHeight = 160.0, kMaxHeight = 760.0;
 constexpr double kMaxGapInMedians = 10.0;
 constexpr size_t kMaxLegendRows = 8;
 
-// A path, by the centres of its frames in their order.
+// A path, by the centers of its frames in their order.
 using Paths = std::map<std::string, std::vector<Vector3d>>;
 
 Paths CollectPaths(const PageModel& model) {

@@ -122,7 +122,7 @@ class BilinearProblem {
     options.gradient_tolerance = 1e-16;
     options.num_threads = 1;
     options.logging_type = ceres::SILENT;
-    StopWhenCancelled callback(context);
+    StopWhenCanceled callback(context);
     options.callbacks.push_back(&callback);
     ceres::Solver::Summary result;
     ceres::Solve(options, &problem_, &result);
@@ -131,7 +131,7 @@ class BilinearProblem {
   }
 
  private:
-  // Adds sign times the camera centre c^g - R^T t.
+  // Adds sign times the camera center c^g - R^T t.
   void AddCenter(int image_idx, double sign, LinearDifference* difference) {
     const PositionProblem& problem = input_.problem;
     const int sensor = problem.sensor_idx[image_idx];

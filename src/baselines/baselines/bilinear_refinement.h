@@ -21,7 +21,7 @@ namespace mgsfm {
 // residuals w' (d s - 1), baselines without parallax w C. Weights, losses and
 // annealing are those of the non-bilinear refinements.
 //
-// Unknowns: free frame centres, sensor translations, points, and all d.
+// Unknowns: free frame centers, sensor translations, points, and all d.
 // Gauge: the first frame is constant; linear terms hold the unobservable
 // directions of sensor translations. The scale is free, steps are damped.
 // Start: d = 1 / |C|; where positions start at random, d = 1.

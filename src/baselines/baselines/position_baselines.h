@@ -4,15 +4,15 @@
 #include <string_view>
 #include <utility>
 
-#include "mapper/position_recipe.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
+#include "translation_averaging/position_estimation.h"
 
 namespace mgsfm {
 
 // The ablation of the paper: replaces EstimatePositions()
-// (mapper/position_recipe.h) by other inputs and objectives. The mapper uses
-// `hybrid` with `non_bilinear`.
+// (translation_averaging/position_estimation.h) by other inputs and objectives.
+// The mapper uses `hybrid` with `non_bilinear`.
 
 enum class TranslationSource {
   kAuto,  // hybrid; relative_translations for the objective distance

@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// The start of global positioning (GLOMAP): frame centres and points are
+// The start of global positioning (GLOMAP): frame centers and points are
 // uniform in a cube of side 200, translations of free sensors in a cube of
 // side 2. Tracks with at least two rays have a point, and all their rays are
 // used; the frames that observe them are placed.

@@ -20,7 +20,7 @@ std::vector<int> CountFrameObservations(const BundleProblem& problem) {
 }
 
 // Whether a frame has images of two sensors that are fixed, or have priors, at
-// different centres.
+// different centers.
 bool ScaleIsObservable(const BundleState& state, const BundleProblem& problem) {
   Mask has_prior(problem.sensor_masks.size(), false);
   for (const SensorPrior& prior : problem.sensor_priors) {

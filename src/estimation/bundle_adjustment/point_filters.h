@@ -15,7 +15,7 @@ namespace mgsfm {
 // Selection of points and observations. No function changes a pose or moves a
 // point. Observations in images without a pose are always removed.
 
-// A lower bound of the noise of keypoints. Keypoint detectors do not localise
+// A lower bound of the noise of keypoints. Keypoint detectors do not localize
 // better, and the noise of exact (synthetic) keypoints must not become zero.
 constexpr double kMinKeypointSigmaPx = 0.05;
 
@@ -56,7 +56,7 @@ struct PointFilterOptions {
   double min_two_view_distance = 0.0;
 };
 
-// Whether a point that is observed from these centres has a sufficient
+// Whether a point that is observed from these centers has a sufficient
 // triangulation angle and an admissible distance.
 bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
                   const Eigen::Vector3d& point,
@@ -65,7 +65,7 @@ bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
 // Whether a frame observes a track with two images.
 bool IsSeenTwice(const Scene& scene, const std::vector<Observation>& track);
 
-// Whether a point at this distance from the nearest centre is admissible by
+// Whether a point at this distance from the nearest center is admissible by
 // max_distance_of_one_image. To one camera, a vehicle that keeps its distance
 // is a point far away.
 bool IsDistanceMeasured(const Scene& scene,
@@ -84,7 +84,7 @@ Mask FindSensorsThatMeasure(const Scene& scene,
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction);
 
-// The distance from a point to the nearest centre.
+// The distance from a point to the nearest center.
 double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
                        const Eigen::Vector3d& point);
 

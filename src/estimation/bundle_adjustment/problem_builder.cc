@@ -271,7 +271,7 @@ RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
   refined.mask.setOnes();
   if (!sensor.sensor_from_rig) return refined;
   const double length = LargestPriorTranslation(scene, sensor.rig_idx);
-  // All prior sensors share one centre; keep it, since it gives no length.
+  // All prior sensors share one center; keep it, since it gives no length.
   if (length == 0.0) refined.mask.tail<3>().setZero();
   refined.prior = SensorPrior{
       sensor_idx, *sensor.sensor_from_rig,

@@ -27,7 +27,7 @@ namespace mgsfm {
 // fixed frame. If no two sensors determine the scale, it is that of one
 // coordinate of a frame nearby.
 //
-// With rotations R and centres c, the coordinates of the pose of the second
+// With rotations R and centers c, the coordinates of the pose of the second
 // frame in the first are those of R_2 R_1^T <- Exp(w) R_2 R_1^T and
 // p <- p + d, p = R_1 (c_2 - c_1), so that changes of both poses cause
 //
@@ -35,8 +35,8 @@ namespace mgsfm {
 //
 // One entry per pair (first, second). nullopt if a frame observes no point, the
 // equations cannot be solved, or the standard deviation of w exceeds 10
-// degrees, where its linearisation is meaningless. Cost per pair: linear in the
-// observations nearby, and a factorisation for at most 82 frames.
+// degrees, where its linearization is meaningless. Cost per pair: linear in the
+// observations nearby, and a factorization for at most 82 frames.
 [[nodiscard]] std::vector<std::optional<PoseMatrix>> ComputeRelativeCovariances(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options,

@@ -43,7 +43,7 @@ constexpr double kStepTolerance = 1e-3;  // standard deviations of positions
 // Lower bound of the length of an edge, in medians: frames of a standing rig
 // must not be infinitely stiff.
 constexpr double kMinRelativeLength = 0.1;
-// Regularises what neither edges nor positions determine.
+// Regularizes what neither edges nor positions determine.
 constexpr double kDamping = 1e-9;
 
 // A frame with the similarity that it applies to its surroundings.
@@ -62,7 +62,7 @@ struct Node {
 struct Edge {
   int node1 = 0;
   int node2 = 0;
-  Vector3d offset;  // between the centres, in the initial model
+  Vector3d offset;  // between the centers, in the initial model
   double length = 1.0;
 };
 
@@ -171,7 +171,7 @@ std::vector<int> ListInliers(const PoseGraph& graph) {
 }
 
 // The normal equations of one Gauss-Newton step. All matrices of a graph have
-// the same pattern, so the symbolic factorisation is made once.
+// the same pattern, so the symbolic factorization is made once.
 class GaussNewtonEquations {
  public:
   GaussNewtonEquations(int num_unknowns_per_node, int num_threads)
@@ -184,7 +184,7 @@ class GaussNewtonEquations {
   }
 
   // Adds a residual of the first num_nodes of two nodes; its Jacobian has 7
-  // columns per node: centre, rotation (Q <- Exp(w) Q), log of scale. Keeps
+  // columns per node: center, rotation (Q <- Exp(w) Q), log of scale. Keeps
   // zeros, so that the pattern does not change.
   template <int kRows>
   void AddTerm(const std::array<int, 2>& nodes, int num_nodes,
@@ -374,7 +374,7 @@ ModelDeformation Summarize(const PoseGraph& graph) {
   return deformation;
 }
 
-// The lengths of a rig that sees the scene with several centres do not drift.
+// The lengths of a rig that sees the scene with several centers do not drift.
 bool ScaleDrifts(const Reconstruction& model, bool is_metric) {
   return !is_metric &&
          std::all_of(model.sensor_from_rig.begin(), model.sensor_from_rig.end(),

@@ -17,19 +17,19 @@ namespace mgsfm {
 // (position_registration.h) cannot undo drift, and bundle adjustment would
 // treat the remaining distances as outliers.
 //
-// Unknowns. Each frame f has a centre c'_f, a rotation Q_f and a scale e^s_f,
+// Unknowns. Each frame f has a center c'_f, a rotation Q_f and a scale e^s_f,
 // and moves its surroundings by x -> c'_f + e^s_f Q_f (x - c_f).
 //
-// Objective, with D = c_g - c_f between the centres of two frames that an image
+// Objective, with D = c_g - c_f between the centers of two frames that an image
 // pair connects, and the position g_i with covariance C_i of image i, whose
-// deformed centre is c'_i:
+// deformed center is c'_i:
 //
 //   min  sum_fg [ |c'_g - c'_f - (e^s_f Q_f + e^s_g Q_g) D / 2|^2 / |D|^2
 //                 + |Log(Q_f^T Q_g)|^2 + (s_g - s_f)^2 ] / sigma^2
 //      + sum_i rho((c'_i - g_i)^T C_i^-1 (c'_i - g_i))
 //
 // - |D| is at least a tenth of the median.
-// - s = 0 if the model is metric or a rig has cameras at different centres,
+// - s = 0 if the model is metric or a rig has cameras at different centers,
 //   because then scale does not drift.
 // - rho is Cauchy with scale max(2.8, 2 medians) of the distances in standard
 //   deviations, updated in each step. A fixed scale would treat a stretch that
@@ -45,7 +45,7 @@ namespace mgsfm {
 // max(4, 3 medians). At most 8 Gauss-Newton steps per sigma; they end when no
 // frame moves by more than 1e-3 standard deviations.
 //
-// Cost of a step: one sparse Cholesky factorisation of 7 unknowns per frame.
+// Cost of a step: one sparse Cholesky factorization of 7 unknowns per frame.
 //
 // Points move by the mean over the frames that observe them. The positions that
 // are within max(4, 3 medians) in the end are added to `used`. Returns nullopt,

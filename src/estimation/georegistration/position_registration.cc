@@ -87,7 +87,7 @@ Mask InliersOf(const FitProblem& problem, const Sim3& fit) {
   return is_inlier;
 }
 
-// Weighted means and second moments of centres and positions.
+// Weighted means and second moments of centers and positions.
 struct Moments {
   Vector3d mean = Vector3d::Zero();
   Vector3d measured_mean = Vector3d::Zero();
@@ -147,7 +147,7 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
   return fit;
 }
 
-// The cost that the best of all fits minimises.
+// The cost that the best of all fits minimizes.
 double CostOf(const FitProblem& problem, const Sim3& fit) {
   std::vector<double> residuals = ResidualsOf(problem, fit);
   if (problem.outlier_rule == OutlierRule::kLeastMedian) {

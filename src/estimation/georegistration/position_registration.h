@@ -16,7 +16,7 @@ namespace mgsfm {
 //
 //   min sum_i |s R c_i + t - g_i|^2 / sigma_i^2 + |R d - z|^2 / sigma_up^2
 //
-// over images with a centre c_i in the model and a position g_i. sigma_i^2 is a
+// over images with a center c_i in the model and a position g_i. sigma_i^2 is a
 // third of the trace of its covariance. s is 1 if the model is metric.
 //
 // The last term matters only if the positions are collinear. z is up. d is the

@@ -27,7 +27,7 @@ constexpr double kMinErrorInSigmas = 2.0;
 // outliers were selected with the known focal lengths, so that it moves them
 // too little: by 12 instead of 43 % on KITTI 06.
 constexpr double kConfirmingShare = 0.5;
-// Farther from the known value the linearisation is not valid, and the motion
+// Farther from the known value the linearization is not valid, and the motion
 // does not determine a focal length.
 const double kMaxLogFactor = std::log(2.5);
 // Half or twice the value changes no verdict (docs/results/constants.md).

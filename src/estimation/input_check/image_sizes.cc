@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-// Half and twice these values, or their distances from the size and the centre
+// Half and twice these values, or their distances from the size and the center
 // of the image, change no verdict (docs/results/constants.md).
 //
 // Images with fewer keypoints do not show how large they are.
@@ -23,11 +23,11 @@ constexpr double kQuantile = 0.99;
 constexpr double kMaxExtent = 1.02;
 constexpr double kMaxLongExtent = 1.2;
 // Keypoints of smaller images end at the same share of width and height, and
-// their centre is in the upper left part. Masks and skies end features at one
+// their center is in the upper left part. Masks and skies end features at one
 // side only, and those of a fisheye surround its principal point.
 constexpr double kMinExtent = 0.8;
 constexpr double kMaxDifference = 0.15;
-constexpr double kMaxCentre = 0.4;
+constexpr double kMaxCenter = 0.4;
 // Single images can have features in one corner only.
 constexpr size_t kMinNumImages = 3;
 constexpr double kMinShareOfImages = 0.2;
@@ -44,7 +44,7 @@ struct Extent {
   }
   bool IsTooSmall() const {
     return std::max(x, y) < kMinExtent && std::abs(x - y) < kMaxDifference &&
-           std::max(min_x + x, min_y + y) < 2.0 * kMaxCentre;
+           std::max(min_x + x, min_y + y) < 2.0 * kMaxCenter;
   }
 };
 

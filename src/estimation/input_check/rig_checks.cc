@@ -204,7 +204,7 @@ std::vector<Finding> DescribeDelays(const Scene& scene,
   std::vector<Finding> findings;
   for (const Rig& rig : scene.rigs) {
     Finding finding;
-    finding.cause = Cause::kUnsynchronised;
+    finding.cause = Cause::kUnsynchronized;
     bool is_certain = false;
     for (const CameraDelay& camera : delays.cameras) {
       const Sensor& sensor = scene.sensors[camera.sensor_idx];

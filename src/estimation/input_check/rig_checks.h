@@ -26,7 +26,7 @@ struct RigStep {
 // nullopt with fewer samples. Cost: linear.
 std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples);
 
-// kUnsynchronised: the delays of all cameras of rigs with a certain one.
+// kUnsynchronized: the delays of all cameras of rigs with a certain one.
 std::vector<Finding> DescribeDelays(const Scene& scene,
                                     const RigDelays& delays);
 

@@ -12,7 +12,7 @@ namespace {
 
 // Sets of frames.
 struct FrameSets {
-  UnionFind parts;      // connected by pairs of neighbours that are used
+  UnionFind parts;      // connected by pairs of neighbors that are used
   UnionFind contested;  // and by those that contradict the motion of the rig
   UnionFind ordered;    // parts that follow each other in time
 };

@@ -8,9 +8,9 @@ namespace mgsfm {
 
 // The loop pairs that would close a contested cut of a sequence.
 //
-// The pairs of neighbours that are used divide the frames into parts. The cut
+// The pairs of neighbors that are used divide the frames into parts. The cut
 // between two parts is contested if the motion of the rig contradicts pairs of
-// neighbours across it (motion_continuity.h): the parts belong together, but
+// neighbors across it (motion_continuity.h): the parts belong together, but
 // their relative pose is unknown. Loop pairs alone do not decide it, because
 // nothing there contradicts duplicate structures, unless they lie along a
 // stretch that the rig passed twice (revisits.h). This holds for all parts that

@@ -15,7 +15,7 @@
 
 namespace mgsfm {
 
-// The steps of a sequence whose translation the pairs of neighbours contradict
+// The steps of a sequence whose translation the pairs of neighbors contradict
 // (step_deviations.h).
 //
 // Rotations that drift leave a gap in each loop. Positions by held rotations

@@ -13,7 +13,7 @@ namespace mgsfm {
 namespace {
 
 // One frame may be missing or blurred.
-constexpr int kMaxNeighbourGap = 2;
+constexpr int kMaxNeighborGap = 2;
 // At most so many permutations may be as good as the order of a sequence: one
 // random order in 2,000 is taken for one. Eight frames suffice.
 constexpr int kNumPermutations = 3999;
@@ -23,7 +23,7 @@ constexpr int kMaxAsGood = 1;
 struct FrameLink {
   int frame_idx1 = 0, frame_idx2 = 0;
   size_t num_matches = 0;
-  bool are_neighbours = false;
+  bool are_neighbors = false;
 };
 
 std::vector<FrameLink> LinksOfRigs(
@@ -34,7 +34,7 @@ std::vector<FrameLink> LinksOfRigs(
     const auto gap = order.Gap(frames.frame_idx1, frames.frame_idx2);
     if (!frames.IsBetweenFrames() || !gap) continue;
     links.push_back(
-        {frames.frame_idx1, frames.frame_idx2, 0, *gap <= kMaxNeighbourGap});
+        {frames.frame_idx1, frames.frame_idx2, 0, *gap <= kMaxNeighborGap});
     for (const size_t i : frames.pair_idxs) {
       links.back().num_matches += pairs[i].num_matches;
     }
@@ -44,10 +44,10 @@ std::vector<FrameLink> LinksOfRigs(
 
 // Per frame, the most matches with any other.
 std::vector<size_t> MostMatches(const std::vector<FrameLink>& links,
-                                size_t num_frames, bool only_neighbours) {
+                                size_t num_frames, bool only_neighbors) {
   std::vector<size_t> most(num_frames, 0);
   for (const FrameLink& link : links) {
-    if (only_neighbours && !link.are_neighbours) continue;
+    if (only_neighbors && !link.are_neighbors) continue;
     for (const int frame_idx : {link.frame_idx1, link.frame_idx2}) {
       most[frame_idx] = std::max(most[frame_idx], link.num_matches);
     }
@@ -71,11 +71,11 @@ class Similarities {
     }
   }
 
-  // Of neighbours in the runs; each gap counts half as much as half the gap.
+  // Of neighbors in the runs; each gap counts half as much as half the gap.
   int64_t Sum(const std::vector<std::vector<int>>& runs) const {
     int64_t sum = 0;
     for (const std::vector<int>& run : runs) {
-      for (int gap = 1; gap <= kMaxNeighbourGap; ++gap) {
+      for (int gap = 1; gap <= kMaxNeighborGap; ++gap) {
         for (size_t k = gap; k < run.size(); ++k) {
           sum += Of(run[k - gap], run[k]) / gap;
         }
@@ -117,7 +117,7 @@ void Shuffle(std::vector<int>* values, Random* random) {
   }
 }
 
-// Whether neighbours share more matches than in random orders. Only the
+// Whether neighbors share more matches than in random orders. Only the
 // frames between breaks change places: unordered images of one recording match
 // each other, but not those of another.
 bool IsOrderSignificant(const Similarities& similarities,
@@ -139,12 +139,12 @@ bool IsOrderSignificant(const Similarities& similarities,
 bool IsSequence(const std::vector<FrameLink>& links, const TemporalOrder& order,
                 size_t num_frames) {
   const std::vector<size_t> most = MostMatches(links, num_frames, false);
-  const std::vector<size_t> with_neighbour =
+  const std::vector<size_t> with_neighbor =
       MostMatches(links, num_frames, true);
   int num_near = 0, num_far = 0;
   for (size_t i = 0; i < num_frames; ++i) {
     if (most[i] == 0) continue;
-    ++(2 * with_neighbour[i] >= most[i] ? num_near : num_far);
+    ++(2 * with_neighbor[i] >= most[i] ? num_near : num_far);
   }
   return num_near > num_far &&
          IsOrderSignificant(Similarities(links, most), UnbrokenRuns(order));

@@ -53,12 +53,12 @@ class FramePairIndex {
     return reaches_[rig_of_frame_[frames.frame_idx1]];
   }
   // The frames are of one sequence, and within its reach.
-  bool AreNeighbours(const FramePair& frames) const {
+  bool AreNeighbors(const FramePair& frames) const {
     return frames.time_gap && *frames.time_gap <= Reach(frames);
   }
   // The frames are further apart in a sequence, or of different sequences.
   bool IsLoop(const FramePair& frames) const {
-    return is_sequence() && !AreNeighbours(frames);
+    return is_sequence() && !AreNeighbors(frames);
   }
   size_t num_pairs() const { return frame_pair_of_pair_.size(); }
   // Sorted by (frame_idx1, frame_idx2), each at most once.

@@ -37,7 +37,7 @@ std::vector<RejectedLink> CollectLinks(const FramePairIndex& index,
 }
 
 // `links` are sorted by their first frame.
-UnionFind JoinNeighbours(const std::vector<RejectedLink>& links) {
+UnionFind JoinNeighbors(const std::vector<RejectedLink>& links) {
   UnionFind sets(links.size());
   for (size_t i = 0; i < links.size(); ++i) {
     for (size_t k = i + 1; k < links.size(); ++k) {
@@ -56,7 +56,7 @@ std::vector<RejectedGroup> GroupRejectedPairs(const FramePairIndex& index,
                                               const Mask& pair_is_rejected) {
   MGSFM_CHECK_EQ(pair_is_rejected.size(), index.num_pairs());
   const std::vector<RejectedLink> links = CollectLinks(index, pair_is_rejected);
-  UnionFind sets = JoinNeighbours(links);
+  UnionFind sets = JoinNeighbors(links);
   std::vector<RejectedGroup> group_of_set(links.size());
   for (size_t i = 0; i < links.size(); ++i) {
     const auto& [frame1, frame2, pair_idxs] = links[i];

@@ -15,7 +15,7 @@
 namespace mgsfm {
 namespace {
 
-// The shortest revisit in reaches of pairs of neighbours: a structure is
+// The shortest revisit in reaches of pairs of neighbors: a structure is
 // visible within one reach before and one after its frame.
 // docs/results/constants.md has the lengths of revisits and of
 // duplicate structures.
@@ -80,7 +80,7 @@ std::vector<Loop> CollectLoops(const FramePairIndex& index,
   return loops;
 }
 
-UnionFind JoinNeighbours(const std::vector<Loop>& loops) {
+UnionFind JoinNeighbors(const std::vector<Loop>& loops) {
   UnionFind sets(loops.size());
   for (size_t i = 0; i < loops.size(); ++i) {
     for (size_t k = i + 1; k < loops.size(); ++k) {
@@ -114,7 +114,7 @@ Mask FindRevisits(const FramePairIndex& index, const Mask& pair_is_used) {
   Mask is_revisit(pair_is_used.size(), false);
   if (!index.is_sequence()) return is_revisit;
   const std::vector<Loop> loops = CollectLoops(index, pair_is_used);
-  UnionFind sets = JoinNeighbours(loops);
+  UnionFind sets = JoinNeighbors(loops);
   std::vector<std::pair<Extent, Extent>> extents(loops.size());
   for (size_t i = 0; i < loops.size(); ++i) {
     auto& [first, second] = extents[sets.Find(i)];

@@ -8,15 +8,15 @@ namespace mgsfm {
 
 // The loop pairs along a stretch that a rig passed twice.
 //
-// Loops decide nothing where few pairs of neighbours contradict them, because
+// Loops decide nothing where few pairs of neighbors contradict them, because
 // of duplicate structures. A structure, and so its duplicate, is visible in
-// about as many frames as pairs of neighbours reach. Loop pairs that follow
+// about as many frames as pairs of neighbors reach. Loop pairs that follow
 // each other along a longer stretch of both passes repeat the scenery in the
 // same order: the place is the same.
 //
-// Two frame pairs with used loop pairs are neighbours if their frames are close
+// Two frame pairs with used loop pairs are neighbors if their frames are close
 // at both ends, within a share of the reach of the sequence
-// (frame_pair_index.h). A group of neighbours is a revisit if it extends over
+// (frame_pair_index.h). A group of neighbors is a revisit if it extends over
 // more than two reaches of both passes. The frames of a loop must be as far
 // from each other, or both are of one pass.
 //

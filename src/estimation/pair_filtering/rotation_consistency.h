@@ -23,7 +23,7 @@ namespace mgsfm {
 //   d > max_rotation_error + min(rotation_drift_in_sigmas * sigma * sqrt(l),
 //                                max_rotation_drift):
 //
-// drift is modelled as a random walk with steps of standard deviation sigma.
+// drift is modeled as a random walk with steps of standard deviation sigma.
 // Pairs of frames that the skeleton does not connect are not judged. None is
 // inconsistent if too many would be (pair_filtering.h).
 // Per pair. Cost: a path through a tree for each pair.

@@ -137,7 +137,7 @@ void SelectPairsBetweenFrames(const FramePairIndex& index,
   }
 }
 
-// The candidates of each round: in a sequence, first its neighbours only.
+// The candidates of each round: in a sequence, first its neighbors only.
 std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
                                      const Mask& pair_is_used) {
   std::vector<Mask> rounds;

@@ -10,10 +10,10 @@
 
 namespace mgsfm {
 
-// A sparse subgraph of pairs of neighbours, after the skeletal graphs of
+// A sparse subgraph of pairs of neighbors, after the skeletal graphs of
 // Snavely, Seitz and Szeliski (CVPR 2008). Votes cannot tell a road from one
 // that is folded so that two equal facades meet: few pairs cross the place
-// where it breaks, many connect the facades. Strength can: neighbours share
+// where it breaks, many connect the facades. Strength can: neighbors share
 // most of what they see, duplicate structures share only the duplicate.
 //
 // The support of a pair of frames is the number of triplet-consistent matches
@@ -26,10 +26,10 @@ namespace mgsfm {
 //   of at least min_connecting_strength times the strength of the strongest.
 //
 // Components that remain are connected in the same way with all matches as
-// support, because a chain in which only neighbours are matched has no
+// support, because a chain in which only neighbors are matched has no
 // triplets.
 //
-// If the frames are a sequence, neighbours in time come first: the selection
+// If the frames are a sequence, neighbors in time come first: the selection
 // runs on pairs of frames at most two apart, then at most ten, and other pairs
 // only connect what is still apart. A weak cut of the sequence is thus decided
 // by the few correct pairs across it, not by the many of a duplicate structure.

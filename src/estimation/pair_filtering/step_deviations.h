@@ -11,14 +11,14 @@
 
 namespace mgsfm {
 
-// Steps of a sequence that nearly all pairs of neighbours contradict in the
+// Steps of a sequence that nearly all pairs of neighbors contradict in the
 // same way.
 //
-// Where few pairs of neighbours cross a step, many loop pairs outvote them: a
+// Where few pairs of neighbors cross a step, many loop pairs outvote them: a
 // robust loss puts the error of a loop where it costs least. Correct pairs of
-// neighbours then agree that the step is wrong, and on what it should be.
+// neighbors then agree that the step is wrong, and on what it should be.
 //
-// A pair i, j of neighbours across the step, with i before j, has a deviation
+// A pair i, j of neighbors across the step, with i before j, has a deviation
 // e_ij of its measurement from the estimate, in world axes. All of them contain
 // the error of the step. Their median e, coordinate by coordinate, is
 // common to the pairs if |e_ij - e| < |e_ij| for 90 % of them: hardly any
@@ -34,7 +34,7 @@ using StepDeviations = std::vector<std::optional<Eigen::Vector3d>>;
     const FramePairIndex& index);
 
 // None without temporal order. Loops and pairs within a frame do not count.
-// Cost: linear in the pairs of neighbours times their time gap.
+// Cost: linear in the pairs of neighbors times their time gap.
 [[nodiscard]] StepDeviations FindCommonDeviations(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph, const PairDeviations& deviations);

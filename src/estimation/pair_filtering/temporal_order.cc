@@ -128,13 +128,13 @@ TemporalOrder::TemporalOrder(const Scene& scene)
   }
 }
 
-std::vector<int> TemporalOrder::Neighbours(int frame_idx) const {
+std::vector<int> TemporalOrder::Neighbors(int frame_idx) const {
   const std::vector<int>& frames = sequences_[rig_of_frame_[frame_idx]];
   const auto rank = static_cast<size_t>(rank_of_frame_[frame_idx]);
-  std::vector<int> neighbours;
-  if (rank > 0) neighbours.push_back(frames[rank - 1]);
-  if (rank + 1 < frames.size()) neighbours.push_back(frames[rank + 1]);
-  return neighbours;
+  std::vector<int> neighbors;
+  if (rank > 0) neighbors.push_back(frames[rank - 1]);
+  if (rank + 1 < frames.size()) neighbors.push_back(frames[rank + 1]);
+  return neighbors;
 }
 
 std::optional<int> TemporalOrder::Gap(int frame_idx1, int frame_idx2) const {

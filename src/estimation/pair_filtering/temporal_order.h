@@ -25,7 +25,7 @@ class TemporalOrder {
     return rank_of_frame_[frame_idx1] < rank_of_frame_[frame_idx2];
   }
   // The frames before and after a frame of the same rig.
-  std::vector<int> Neighbours(int frame_idx) const;
+  std::vector<int> Neighbors(int frame_idx) const;
   // Time from one frame to the next of the same rig, relative to the median; 1
   // if neither times nor numbers in names tell it.
   double Duration(int frame_idx, int next_frame_idx) const {

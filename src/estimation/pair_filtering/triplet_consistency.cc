@@ -160,7 +160,7 @@ Mask FindTripletConsistentMatches(const ViewGraph& view_graph,
         const ImagePair& pair = view_graph.pairs[i];
         for (size_t k = 0; k < pair.matches.size(); ++k) {
           is_triplet_consistent[first_match[i] + k] =
-              adjacency.NumCommonNeighbours(
+              adjacency.NumCommonNeighbors(
                   numbers.First(pair, pair.matches[k]),
                   numbers.Second(pair, pair.matches[k]), 1) > 0;
         }

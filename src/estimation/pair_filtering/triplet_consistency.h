@@ -12,7 +12,7 @@ namespace mgsfm {
 
 // A match is triplet-consistent if a keypoint of a third image is matched with
 // both of its keypoints (after Zach, Klopschitz and Pollefeys, CVPR 2010).
-// Neighbours on a path have many such matches. A pair of unrelated places has
+// Neighbors on a path have many such matches. A pair of unrelated places has
 // none but by chance, however many of its matches agree on a relative pose.
 // Only pairs that `pair_is_used` names take part; false or 0 for all others.
 // Cost: linear in the number of matches times the length of tracks.

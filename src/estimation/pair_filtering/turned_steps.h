@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// The steps of a sequence whose rotation the pairs of neighbours contradict
+// The steps of a sequence whose rotation the pairs of neighbors contradict
 // (step_deviations.h).
 //
 // Duplicate structures that are some degrees off turn the whole trajectory at

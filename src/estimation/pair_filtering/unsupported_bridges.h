@@ -26,7 +26,7 @@ namespace mgsfm {
 // bridges are those of the graph without them, and such loops between parts
 // that nothing else connects are unsupported, however many there are.
 //
-// The third condition spares chains in which only neighbours were matched: they
+// The third condition spares chains in which only neighbors were matched: they
 // have no triplets, and one wrong pair would cut them all.
 //
 // Per pair; false where pair_is_consistent is false. Cost: linear in the links;

@@ -87,7 +87,7 @@ class LinearTermOfBlocks {
  private:
   Vector3d ChangeOfBaseline(const std::vector<ImagePose>& poses,
                             const std::vector<ImageTwist>& twists) const {
-    // A centre moves by -(S R)^T shift.
+    // A center moves by -(S R)^T shift.
     Vector3d change = Vector3d::Zero();
     for (int side = 0; side < 2; ++side) {
       const int image = images_[side]->image;

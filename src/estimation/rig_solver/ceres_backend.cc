@@ -237,7 +237,7 @@ SolveSummary SolveByCeres(const RigProblem<typename R::Observation>& problem,
   // last bits, would depend on the scheduler.
   ceres_options.num_threads = 1;
   ceres_options.logging_type = ceres::SILENT;
-  StopWhenCancelled callback(context);
+  StopWhenCanceled callback(context);
   ceres_options.callbacks.push_back(&callback);
   RigState solved = *state;
   CeresRigProblem<R> ceres_problem(problem, &solved);

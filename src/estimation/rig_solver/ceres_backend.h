@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// The same problem for Ceres, with the same derivatives and parametrisation:
+// The same problem for Ceres, with the same derivatives and parametrization:
 // SPARSE_SCHUR with CHOLMOD, or SPARSE_NORMAL_CHOLESKY without points.
 // A reference; not the same for every number of threads.
 template <class R>

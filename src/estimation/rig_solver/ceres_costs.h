@@ -24,7 +24,7 @@ namespace mgsfm {
 
 using RowMajor3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-// A rotation (x, y, z, w), then a translation or centre.
+// A rotation (x, y, z, w), then a translation or center.
 using PoseBlock = std::array<double, 7>;
 
 inline PoseBlock MakePoseBlock(const Eigen::Quaterniond& q,

@@ -11,15 +11,15 @@
 
 namespace mgsfm {
 
-// Ends a solve of Ceres when the context is cancelled. The caller then throws
+// Ends a solve of Ceres when the context is canceled. The caller then throws
 // by Context::CheckInterrupted().
-class StopWhenCancelled : public ceres::IterationCallback {
+class StopWhenCanceled : public ceres::IterationCallback {
  public:
-  explicit StopWhenCancelled(const Context& context) : context_(context) {}
+  explicit StopWhenCanceled(const Context& context) : context_(context) {}
 
   ceres::CallbackReturnType operator()(
       const ceres::IterationSummary&) override {
-    return context_.is_cancelled && context_.is_cancelled()
+    return context_.is_canceled && context_.is_canceled()
                ? ceres::SOLVER_ABORT
                : ceres::SOLVER_CONTINUE;
   }

@@ -14,7 +14,7 @@
 
 namespace mgsfm {
 
-// What a linearisation keeps for MultiplyChunk besides the workspace, which
+// What a linearization keeps for MultiplyChunk besides the workspace, which
 // receives the local system of the chunk after elimination of its points
 // (images still separate).
 struct KeptDerivatives {

@@ -23,7 +23,7 @@ bool IsBefore(const WeightedPair& a, const WeightedPair& b) {
   return a.Key() < b.Key();
 }
 
-// Replaces equal neighbours by their sum.
+// Replaces equal neighbors by their sum.
 void SumEqualPairs(std::vector<WeightedPair>* weights) {
   size_t num_sums = 0;
   for (const WeightedPair weight : *weights) {

@@ -11,7 +11,7 @@
 namespace mgsfm {
 
 // Cuts points into parts, each observed only by images that share many points.
-// The reduced matrix of the parts has few blocks and is cheap to factorise; it
+// The reduced matrix of the parts has few blocks and is cheap to factorize; it
 // is the preconditioner of the iterative solver (docs/maths/rig_solver.md).
 // Terms of two images are cut likewise. Border blocks are in all parts.
 class PointCutter {
@@ -25,7 +25,7 @@ class PointCutter {
               RigStructure* structure);
 
   // Cuts such that all blocks of a part are strong pairs of `num_kept`
-  // neighbours (strong_pairs.h). Sets observation_starts_part and term_is_cut,
+  // neighbors (strong_pairs.h). Sets observation_starts_part and term_is_cut,
   // and sorts the observations of points by part.
   void Cut(int num_kept);
 

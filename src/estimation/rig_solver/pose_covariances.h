@@ -12,7 +12,7 @@
 
 namespace mgsfm {
 
-// Beyond this standard deviation, the linearisation of a rotation is
+// Beyond this standard deviation, the linearization of a rotation is
 // meaningless.
 inline constexpr double kMaxSigmaRad = DegToRad(10.0);
 
@@ -27,7 +27,7 @@ struct PoseCovariances {
 // marginalised: blocks of the inverse of the reduced matrix. The problem must
 // fix the gauge. The diagonal is increased by a factor of 1 + 1e-12, so
 // directions without residuals get huge variances. nullopt if a derivative is
-// not finite or the factorisation fails. Cost: one factorisation, and six
+// not finite or the factorization fails. Cost: one factorization, and six
 // triangular solves per pose.
 template <class Observation>
 [[nodiscard]] std::optional<PoseCovariances> ComputePoseCovariances(
@@ -54,7 +54,7 @@ ComputeFrameCovariances(const RigProblem<Observation>& problem,
                         const Context& context);
 
 // Variances of the free parameters of each camera; empty for cameras without
-// free parameters. Cost: one factorisation, and one triangular solve per
+// free parameters. Cost: one factorization, and one triangular solve per
 // parameter.
 template <class Observation>
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>

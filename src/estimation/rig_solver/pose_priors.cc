@@ -106,7 +106,7 @@ PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
   PosePriorResidual r;
   r.size = 3;
   r.value.head<3>() = A * (center - prior.position);
-  // Exp(w) R moves the centre by R^T (w x S^T t), Exp(w) S by R^T S^T (w x t).
+  // Exp(w) R moves the center by R^T (w x S^T t), Exp(w) S by R^T S^T (w x t).
   r.by_frame.topLeftCorner<3, 3>() = -A * Rt * CrossMatrix(St * t);
   r.by_frame.topRightCorner<3, 3>() = A;
   r.by_sensor.topLeftCorner<3, 3>() = -A * Rt * St * CrossMatrix(t);

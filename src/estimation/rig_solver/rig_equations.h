@@ -28,10 +28,10 @@ namespace mgsfm {
 //
 //   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
 //
-// One pass over the observations linearises and eliminates. A second one steps
+// One pass over the observations linearizes and eliminates. A second one steps
 // (with shortened steps of single points, see rig_solver.h) and evaluates the
 // new cost. Both compute the derivatives, which is faster than storing them; V
-// and W are never stored. The reduced matrix is factorised. If that is too
+// and W are never stored. The reduced matrix is factorized. If that is too
 // expensive, the matrix is applied without being formed, and that of cut points
 // is the preconditioner (docs/maths/rig_solver.md).
 class RigEquationsBase : public DampedProblem {
@@ -51,7 +51,7 @@ class RigEquationsBase : public DampedProblem {
   TrialStep TryStep() override;
   void AcceptStep() override;
 
-  // Factorises the matrix of Linearize(), and solves with it.
+  // Factorizes the matrix of Linearize(), and solves with it.
   bool Factorize() { return matrix_.Factorize(); }
   void SolveColumns(const Eigen::MatrixXd& B, Eigen::MatrixXd* X) const {
     matrix_.Solve(B, *X);

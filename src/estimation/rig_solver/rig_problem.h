@@ -19,9 +19,9 @@ namespace mgsfm {
 
 // Changes of a pose have six coordinates: a rotation vector w, then a
 // translation d.
-//   frame (R, c):   R <- Exp(w) R,  c <- c + d    (c: centre in the world)
+//   frame (R, c):   R <- Exp(w) R,  c <- c + d    (c: center in the world)
 //   sensor (S, t):  S <- Exp(w) S,  t <- t + d
-// With the centre, turning a frame does not move it, however far it is from
+// With the center, turning a frame does not move it, however far it is from
 // the origin.
 using PoseVector = Eigen::Matrix<double, 6, 1>;
 
@@ -56,7 +56,7 @@ struct RayObservation {
   Eigen::Vector3d ray = Eigen::Vector3d::Zero();  // unit, in the camera
 };
 
-// A residual on the baseline C = c_2 - c_1 of two images, whose centres are
+// A residual on the baseline C = c_2 - c_1 of two images, whose centers are
 // c_i = c - (S R)^T t, with its length smoothed to
 // L = sqrt(|C|^2 + min_length^2), so that the residual is defined everywhere
 // and its derivative bounded. All rotations of the problem must be held.
@@ -76,7 +76,7 @@ struct BaselineTerm {
 };
 
 // The residual weight (sum_k coefficients_k . x_k - value), where x_k is the
-// centre of a frame or the translation of a sensor.
+// center of a frame or the translation of a sensor.
 struct LinearTerm {
   struct Part {
     bool is_frame = false;  // else sensor
@@ -89,7 +89,7 @@ struct LinearTerm {
 };
 
 // The measured position of an image: the residual sqrt_information (c_i -
-// position) of its centre c_i = c - (S R)^T t.
+// position) of its center c_i = c - (S R)^T t.
 struct PositionPrior {
   int image = 0;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
@@ -175,7 +175,7 @@ inline RobustLoss RigProblemBase::LossOfPoint(size_t num_observations) const {
   return scaled;
 }
 
-//   minimise  1/2 sum_o rho_o(|r_o|^2) + 1/2 sum_b rho(|r_b|^2)
+//   minimize  1/2 sum_o rho_o(|r_o|^2) + 1/2 sum_b rho(|r_b|^2)
 //           + 1/2 sum_l r_l^2 + 1/2 sum_k ((K_k - value_k) / sigma_k)^2
 //           + 1/2 sum_g rho_g(|r_g|^2) + 1/2 sum_s |r_s|^2
 //

@@ -12,7 +12,7 @@ namespace mgsfm {
 // The solver of the reduced system (after elimination of the points).
 enum class ReducedSolver {
   kAuto,       // kDirect unless its factor is too large or too slow
-  kDirect,     // sparse Cholesky factorisation
+  kDirect,     // sparse Cholesky factorization
   kIterative,  // preconditioned conjugate gradients
 };
 
@@ -44,7 +44,7 @@ enum class ReducedSolver {
 //
 // Results are the same to the last bit for every number of threads. Cost of an
 // iteration: linear in the observations, for each point quadratic in the number
-// of frames that observe it, and the factorisation, or some tens of passes over
+// of frames that observe it, and the factorization, or some tens of passes over
 // the observations. Memory: about 13 bytes per observation and 60 per point,
 // and 50 more of each if kIterative; plus the matrix and its factor.
 struct RigSolverOptions {
@@ -55,7 +55,7 @@ struct RigSolverOptions {
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
 
-// Solves a problem repeatedly. Its structure is analysed once; between solves,
+// Solves a problem repeatedly. Its structure is analyzed once; between solves,
 // the values of the loss, baselines, linear terms and priors may change. On
 // kFailure, the state does not change. Checks for interruption in each
 // iteration.

@@ -28,7 +28,7 @@ constexpr double kMinAffordableFlops = 4e9;  // some 0.1 s of one core
 constexpr double kAffordableFlopsPerObservation = 2e4;
 // Each block has so many in the first preconditioner that is tried, and half as
 // many each time its factor is too large.
-constexpr int kMaxNumNeighbours = 64;
+constexpr int kMaxNumNeighbors = 64;
 
 using Pairs = std::vector<BlockPairKey>;
 
@@ -327,7 +327,7 @@ ReducedGraph MakePreconditionerGraph(const RigProblemBase& problem,
                                      RigStructure* s) {
   PointCutter cutter(problem.points_are_free, is_border,
                      InseparablePairs(problem, *s, is_border), num_threads, s);
-  for (int num_kept = kMaxNumNeighbours;; num_kept /= 2) {
+  for (int num_kept = kMaxNumNeighbors;; num_kept /= 2) {
     cutter.Cut(num_kept);
     ReducedGraph graph = MakeGraph(problem, *s, is_border, num_threads);
     if (num_kept == 0 ||

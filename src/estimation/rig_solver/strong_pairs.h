@@ -22,8 +22,8 @@ struct WeightedPair {
 constexpr int kInfiniteWeight = std::numeric_limits<int>::max();
 
 // The strongest edges of a graph of blocks: for each block, those to the
-// `num_kept` neighbours with the largest weights, and all of infinite weight.
-// Ties prefer neighbours with a close index. O(n log n) in the pairs.
+// `num_kept` neighbors with the largest weights, and all of infinite weight.
+// Ties prefer neighbors with a close index. O(n log n) in the pairs.
 class StrongPairs {
  public:
   // `pairs` are sorted and unique, without diagonal pairs.
@@ -34,7 +34,7 @@ class StrongPairs {
   bool Contains(int a, int b) const;
 
  private:
-  std::vector<std::vector<int>> neighbours_;  // per block, ascending
+  std::vector<std::vector<int>> neighbors_;  // per block, ascending
 };
 
 }  // namespace mgsfm

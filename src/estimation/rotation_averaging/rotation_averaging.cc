@@ -168,7 +168,7 @@ SolveSummary AverageFrames(const Input& input, const RotationProblem& problem,
   InitializeNodes(between_frames, input.MaxErrorRad(), start, state);
   SolveSummary summary;
   summary.termination = Termination::kConverged;
-  summary.message = "Only initialised: frames are estimated jointly.";
+  summary.message = "Only initialized: frames are estimated jointly.";
   return summary;
 }
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "georegistration/gravity_levelling.h"
+#include "georegistration/gravity_leveling.h"
 #include "math/graph.h"
 #include "mgsfm/base/error.h"
 #include "rotation_averaging/pair_problem.h"

@@ -36,7 +36,7 @@ RotationUnknowns NumberUnknowns(const RotationProblem& problem) {
   for (int node = 0; node < problem.num_nodes; ++node) {
     const int component = components.component[node];
     if (has_gravity[component] && !is_fixed[component]) {
-      unknowns.levelled_columns.push_back(unknowns.num_node_columns);
+      unknowns.leveled_columns.push_back(unknowns.num_node_columns);
     }
     if (has_gravity[component] || is_fixed[component]) {
       unknowns.column_of_node[node] = unknowns.num_node_columns++;
@@ -81,7 +81,7 @@ RotationEquations::RotationEquations(const RotationProblem& problem,
     : problem_(problem),
       unknowns_(NumberUnknowns(problem)),
       solver_(num_threads),
-      levelled_solver_(num_threads) {
+      leveled_solver_(num_threads) {
   const int num_nodes = unknowns_.num_node_columns;
   const int num_sensors = unknowns_.num_sensor_columns;
   node_gradient_.resize(num_nodes, 3);
@@ -107,7 +107,7 @@ void RotationEquations::BuildPattern() {
   laplacian_.setFromTriplets(triplets.begin(), triplets.end());
   laplacian_.makeCompressed();
   if (size > 0) solver_.Analyze(laplacian_);
-  if (!unknowns_.levelled_columns.empty()) levelled_solver_.Analyze(laplacian_);
+  if (!unknowns_.leveled_columns.empty()) leveled_solver_.Analyze(laplacian_);
 
   entries_.resize(problem_.edges.size());
   for (size_t e = 0; e < entries_.size(); ++e) {
@@ -200,23 +200,23 @@ void RotationEquations::Assemble(const std::vector<double>& weights,
       AddSensorEntries(problem_.edges[e], weights[e], residuals[e], state);
     }
   }
-  if (!unknowns_.levelled_columns.empty()) AddGravity(gravity, state);
+  if (!unknowns_.leveled_columns.empty()) AddGravity(gravity, state);
 }
 
 void RotationEquations::AddGravity(const GravityValues& gravity,
                                    const RotationState& state) {
-  levelled_laplacian_ = laplacian_;
+  leveled_laplacian_ = laplacian_;
   for (size_t i = 0; i < problem_.gravity.size(); ++i) {
     const GravityTerm& term = problem_.gravity[i];
     const int column = *unknowns_.column_of_node[term.node];
     const double weight = gravity.weights[i];
-    levelled_laplacian_.valuePtr()[FindEntry(column, column)] += weight;
+    leveled_laplacian_.valuePtr()[FindEntry(column, column)] += weight;
     node_gradient_.row(column) -= weight * gravity.residuals[i].transpose();
     if (unknowns_.column_of_sensor[term.sensor]) {
       AddGravityOfSensor(term, weight, gravity.residuals[i], state);
     }
   }
-  for (const int column : unknowns_.levelled_columns) {
+  for (const int column : unknowns_.leveled_columns) {
     laplacian_.valuePtr()[FindEntry(column, column)] += 1.0;
   }
 }
@@ -269,16 +269,16 @@ bool RotationEquations::SolveSensors(RotationStep* step) const {
 // Computes L^-1 times the gradient and the border.
 bool RotationEquations::SolveNodes(RotationStep* step) {
   if (!solver_.Factorize(laplacian_)) return false;
-  if (unknowns_.levelled_columns.empty()) {
+  if (unknowns_.leveled_columns.empty()) {
     solver_.Solve(node_gradient_, step->nodes);
     solver_.Solve(border_, solved_border_);
     return true;
   }
-  if (!levelled_solver_.Factorize(levelled_laplacian_)) return false;
+  if (!leveled_solver_.Factorize(leveled_laplacian_)) return false;
   const auto solve = [this](const MatrixXd& from, MatrixXd* to) {
     for (Eigen::Index column = 0; column < from.cols(); ++column) {
       const bool is_about_gravity = column % 3 == 1;
-      (is_about_gravity ? solver_ : levelled_solver_)
+      (is_about_gravity ? solver_ : leveled_solver_)
           .Solve(from.col(column), to->col(column));
     }
   };

@@ -19,7 +19,7 @@ struct RotationUnknowns {
   int num_node_columns = 0;
   std::vector<std::optional<int>> column_of_sensor;
   int num_sensor_columns = 0;
-  std::vector<int> levelled_columns;  // nodes that are fixed about gravity
+  std::vector<int> leveled_columns;  // nodes that are fixed about gravity
 };
 
 RotationUnknowns NumberUnknowns(const RotationProblem& problem);
@@ -40,14 +40,14 @@ struct GravityValues {
   std::vector<double> weights;
 };
 
-// Weighted Gauss-Newton steps: minimises over d and c
+// Weighted Gauss-Newton steps: minimizes over d and c
 //
 //   sum_e w_e |e + (d_1 + G_1^T c_1) - (d_2 + G_2^T c_2)|^2
 //   + sum_g w_g |e_g + P (d + G^T c)|^2,        P = diag(1, 0, 1).
 //
 // The normal matrix is [L (x) I_3, B; B^T, D]: L is the Laplacian of the graph
 // of nodes without the fixed ones, B and D a dense border of 3 columns for each
-// unknown sensor. L is analysed once and factorised in every step; the border
+// unknown sensor. L is analyzed once and factorized in every step; the border
 // is eliminated by its Schur complement D - B^T (L^-1 (x) I_3) B.
 //
 // Gravity terms add their weights to the diagonal of L for the coordinates x
@@ -98,8 +98,8 @@ class RotationEquations {
   Eigen::SparseMatrix<double> laplacian_;  // lower triangle
   SparseCholesky solver_;
   // The same for x and z, if there are gravity terms.
-  Eigen::SparseMatrix<double> levelled_laplacian_;
-  SparseCholesky levelled_solver_;
+  Eigen::SparseMatrix<double> leveled_laplacian_;
+  SparseCholesky leveled_solver_;
   Eigen::MatrixXd node_gradient_;    // node columns x 3
   Eigen::VectorXd sensor_gradient_;  // 3 sensor columns
   // Column 3 q + a contains the rows of coordinate a of all nodes of border

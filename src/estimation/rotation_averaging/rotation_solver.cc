@@ -79,7 +79,7 @@ double RobustCost(const RotationProblem& problem,
   return sum;
 }
 
-// Solves one linearised L1 problem after the other with one factorisation.
+// Solves one linearized L1 problem after the other with one factorization.
 class L1Steps {
  public:
   L1Steps(const RotationProblem& problem, const RotationUnknowns& unknowns,

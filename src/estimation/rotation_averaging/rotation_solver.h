@@ -32,15 +32,15 @@ class RobustScaleSchedule {
   bool is_final_ = false;
 };
 
-// Minimises sum w |e| over the nodes with fixed sensors (Chatterjee and
-// Govindu, ICCV 2013): each step minimises the linearised sum w |e + d_1 - d_2|
+// Minimizes sum w |e| over the nodes with fixed sensors (Chatterjee and
+// Govindu, ICCV 2013): each step minimizes the linearized sum w |e + d_1 - d_2|
 // by ADMM. Stops when the root mean square of a step is at most 0.05 deg, or
 // after max_num_l1_iterations steps. The cost in the summary is the objective.
 SolveSummary AverageL1(const RotationProblem& problem,
                        const RotationAveragingOptions& options,
                        const Context& context, RotationState* state);
 
-// Minimises sum w rho(|e|^2) / 2 over nodes and free sensors by re-weighted
+// Minimizes sum w rho(|e|^2) / 2 over nodes and free sensors by re-weighted
 // Gauss-Newton steps (rotation_equations.h), with gravity terms weighted as in
 // gravity.h. Stops when all rotations change by at most step_tolerance_deg at
 // the final scale, or after max_num_iterations. Both costs of the summary are
@@ -50,7 +50,7 @@ SolveSummary AverageRobust(const RotationProblem& problem,
                            const RotationAveragingOptions& options,
                            const Context& context, RotationState* state);
 
-// Initialisation by a spanning forest (rotation_initialization.h), AverageL1()
+// Initialization by a spanning forest (rotation_initialization.h), AverageL1()
 // and AverageRobust(), whose summary is returned. If the L1 step fails,
 // AverageRobust() continues from its last state. With a start the L1 step is
 // skipped: it would lose the start, because it converges to the majority from

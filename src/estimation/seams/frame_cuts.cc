@@ -155,7 +155,7 @@ void FrameCuts::Sums::AddTies(std::vector<int> frame_idxs, double amount) {
 }
 
 // The frame where the path from one of the frames reaches the tree that joins
-// the others: their common ancestor, or on the way to a neighbour in
+// the others: their common ancestor, or on the way to a neighbor in
 // depth-first order.
 int FrameCuts::Sums::JunctionOf(const std::vector<int>& sorted,
                                 size_t idx) const {

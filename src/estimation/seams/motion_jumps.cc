@@ -42,7 +42,7 @@ std::optional<Baseline> BaselineOf(const Scene& scene, const ImagePair& pair,
   return Baseline{baseline(*expected), baseline(*cam2 * cam1->Inverse())};
 }
 
-// Neighbours in time.
+// Neighbors in time.
 struct Step {
   std::pair<int, int> frames;
   int earlier = 0, later = 0;  // the same frames

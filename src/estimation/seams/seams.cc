@@ -61,7 +61,7 @@ std::vector<int> CountConfirmed(const ConfidenceInput& input) {
 }
 
 // Pairs without a confirmed match join parts only if no others do, and
-// neighbours in the order of frames only if no pairs do.
+// neighbors in the order of frames only if no pairs do.
 FrameCuts FindCuts(const ConfidenceInput& input,
                    const std::vector<int>& num_confirmed) {
   const FramePairIndex& index = input.index;

@@ -13,7 +13,7 @@ namespace {
 constexpr int kMinNumImages = 10;
 // Per step: a factor of 5 in sigma, which keeps the quadratic model valid.
 constexpr double kMaxVarianceFactor = 25.0;
-// Relative; regularises coordinates that no measurement determines.
+// Relative; regularizes coordinates that no measurement determines.
 constexpr double kDampingOfMasked = 1e-9;
 
 // Sums over the images of a sensor or rig, for rotations or positions.

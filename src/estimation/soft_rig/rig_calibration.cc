@@ -14,7 +14,7 @@ namespace {
 // over which velocity changes, large against rounding errors.
 constexpr double kDerivativeStep = 1e-3;
 // Largest change of a time offset in one step, in frame intervals: half an
-// interval stays within the neighbouring segment of the trajectory.
+// interval stays within the neighboring segment of the trajectory.
 constexpr double kMaxStep = 0.5;
 // Spurious information on the offset of one image from noise of the velocity,
 // in 1 / interval^2. The velocity between two frames that are as noisy as the

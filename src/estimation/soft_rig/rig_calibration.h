@@ -32,7 +32,7 @@ class RigCalibration {
   std::vector<std::optional<Rigid3>> ExpectedPoses(
       const Reconstruction& rig) const;
 
-  // One generalised least squares step of extrinsics and time offsets. Returns
+  // One generalized least squares step of extrinsics and time offsets. Returns
   // the largest change of a time offset, in seconds.
   double Update(const std::vector<FrameDeviations>& frames,
                 const std::vector<DeviationSigma>& sigmas, Reconstruction* rig);

@@ -29,7 +29,7 @@ struct RigMeasurements {
 };
 
 // Estimates how late the cameras of an adjusted model trigger. The delays, the
-// poses of sensors (known ones with their prior), frames and points minimise
+// poses of sensors (known ones with their prior), frames and points minimize
 // the objective of bundle adjustment together. Standard deviations are those of
 // a jackknife over ten blocks of consecutive frames, so that they hold for
 // residuals that depend on each other within a block.
@@ -39,7 +39,7 @@ struct RigMeasurements {
 // if some delay exceeds four standard deviations of independent residuals.
 // `candidates` is called for that. The unit of length is judged with these
 // delays. nullopt without rigs of several cameras, or
-// if the equations cannot be factorised.
+// if the equations cannot be factorized.
 [[nodiscard]] std::optional<RigDelays> EstimateRigDelays(
     const Scene& scene, const RigMeasurements& measured,
     const std::function<CandidateSource(const Scene& separate)>& candidates,

@@ -82,8 +82,8 @@ KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
                               const BundleAdjustmentOptions& options);
 
 // nullopt if no sensor but the references sees points, or if the equations
-// cannot be factorised. Masked coordinates of poses have neither information
-// nor scores. Cost: two passes over the observations, a factorisation, and
+// cannot be factorized. Masked coordinates of poses have neither information
+// nor scores. Cost: two passes over the observations, a factorization, and
 // seven solves per sensor.
 [[nodiscard]] std::optional<RigScores> ComputeRigScores(
     const Scene& scene, const Scene& separate, const DelayedRig& rig,

@@ -9,10 +9,10 @@
 
 namespace mgsfm {
 
-// The continuous trajectory of a rig: cubic Hermite interpolation of centres
+// The continuous trajectory of a rig: cubic Hermite interpolation of centers
 // and of rotations, the latter by their logarithm relative to the previous
 // frame. Velocities at frames come from the parabola through the frame and its
-// two neighbours. The velocity is therefore continuous, and the error is of
+// two neighbors. The velocity is therefore continuous, and the error is of
 // third order in the time between frames. Extrapolation has constant velocity.
 class RigTrajectory {
  public:
@@ -21,7 +21,7 @@ class RigTrajectory {
                 std::vector<Rigid3> rig_from_world);
 
   Rigid3 PoseAt(double time_s) const;
-  // The angular velocity in the rig at a frame, and the velocity of its centre
+  // The angular velocity in the rig at a frame, and the velocity of its center
   // in the world.
   PoseVector VelocityAt(size_t frame) const;
   // Time between the two frames around time_s; infinite if there is only one

@@ -158,7 +158,7 @@ std::optional<Stretch> StretchOfKnownPoses(
                               CovarianceBy(noise_of_priors, joint)(0, 0)};
 }
 
-// The derivative of the centre of a sensor in its rig.
+// The derivative of the center of a sensor in its rig.
 Eigen::Matrix<double, 3, 6> CenterDerivative(const Rigid3& sensor_from_rig) {
   const Eigen::Matrix3d R =
       sensor_from_rig.rotation.toRotationMatrix().transpose();

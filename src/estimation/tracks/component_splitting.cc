@@ -98,7 +98,7 @@ std::vector<uint32_t> OrderBySupport(const SortedAdjacency& adjacency,
   std::vector<uint32_t> support(num_matches), order(num_matches);
   for (size_t i = 0; i < num_matches; ++i) {
     support[i] =
-        adjacency.NumCommonNeighbours(matches[i].first, matches[i].second);
+        adjacency.NumCommonNeighbors(matches[i].first, matches[i].second);
   }
   std::iota(order.begin(), order.end(), 0);
   std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) {

@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// Refines frame centres and sensor translations by eq. (16) of MGSfM,
+// Refines frame centers and sensor translations by eq. (16) of MGSfM,
 //
 //   min sum_p rho(w_p |b_p - C_p / |C_p||),
 //

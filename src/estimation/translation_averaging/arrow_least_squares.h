@@ -18,9 +18,9 @@ namespace mgsfm {
 //   A^T A = [ L (x) I_3   B ]
 //           [ B^T         D ].
 //
-// L, n x n, is the only factorised matrix; the border is eliminated by its
+// L, n x n, is the only factorized matrix; the border is eliminated by its
 // Schur complement S = D - B^T (L^-1 (x) I_3) B. Compared with the
-// factorisation of A^T A, this takes a ninth of the entries and a
+// factorization of A^T A, this takes a ninth of the entries and a
 // twenty-seventh of the operations. Cost of an application: linear in the
 // entries of A, on several threads; each sum has a fixed order.
 class ArrowLeastSquares {

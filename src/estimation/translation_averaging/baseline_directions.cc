@@ -177,7 +177,7 @@ ResidualNoise EstimateNoise(const BaselineMatches& matches,
   return noise;
 }
 
-// The minimiser for weights at `direction`; nullopt if it is not finite.
+// The minimizer for weights at `direction`; nullopt if it is not finite.
 std::optional<Vector3d> SolveReweighted(const BaselineMatches& matches,
                                         const Vector3d& direction,
                                         const ResidualNoise& noise) {

@@ -32,7 +32,7 @@ struct BaselineDirection {
   int image_idx1 = 0;
   int image_idx2 = 0;
   BaselineKind kind = BaselineKind::kUnused;
-  // Unit vector in the world from the centre of camera 1 to that of camera 2,
+  // Unit vector in the world from the center of camera 1 to that of camera 2,
   // and its standard deviation. Defined for kDirection only.
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
   double sigma_rad = 0.0;
@@ -53,7 +53,7 @@ struct BaselineDirection {
 // b . n_m would pull b towards the viewing direction.
 //
 // Solver: the best of sampled two-match solutions, then reweighting of the
-// generalised eigenproblem M b = lambda N b (Taubin 1991) with a Geman-McClure
+// generalized eigenproblem M b = lambda N b (Taubin 1991) with a Geman-McClure
 // loss of three robust standard deviations, until b changes by less than 1e-6
 // or for 20 iterations. Sign: points lie in front of both cameras.
 //

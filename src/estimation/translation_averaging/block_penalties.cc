@@ -52,7 +52,7 @@ Vector3d BlockProx(const BlockPenalty& block, double rho, const Vector3d& v) {
 }  // namespace
 
 double ProxOfScaleResidual(double v, double rho, double bound, double steep) {
-  // Minimises phi(z) + rho/2 (z - v)^2: z = v - phi'(z) / rho.
+  // Minimizes phi(z) + rho/2 (z - v)^2: z = v - phi'(z) / rho.
   const double step = 1.0 / rho;
   if (v > step) return v - step;
   if (v >= -step) return 0.0;

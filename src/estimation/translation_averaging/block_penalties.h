@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// The non-smooth function of the position initialisation
+// The non-smooth function of the position initialization
 // (position_initialization.h) as math/l1_admm.h wants it: a sum over blocks of
 // three rows.
 

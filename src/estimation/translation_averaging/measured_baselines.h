@@ -23,7 +23,7 @@ MeasuredBaselines MeasureBaselines(
 CameraCenters ComputeCameraCenters(const PositionProblem& problem,
                                    const Positions& positions);
 
-// Baselines and centres in the unit of `group_factor`.
+// Baselines and centers in the unit of `group_factor`.
 BaselineComparison CompareWith(const PositionProblem& problem,
                                const std::vector<BaselineDirection>& directions,
                                const PairScales& scales,

@@ -37,7 +37,7 @@ constexpr double kPoseTolerance = 1e-6;
 // times the sine of the smallest parallax of 0.3 degrees.
 constexpr double kStandingSigmaInDepths = 0.016;
 
-// The residual of a pair, by the rotations (x, y, z, w) and centres of its two
+// The residual of a pair, by the rotations (x, y, z, w) and centers of its two
 // frames.
 struct PairError {
   Quaterniond sensor_rotation1, sensor_rotation2;  // cam_from_rig
@@ -204,7 +204,7 @@ SolveSummary Solve(const PoseEdges& edges, double loss_scale,
   options.max_num_iterations = kMaxNumPoseIterations;
   options.function_tolerance = kPoseTolerance;
   options.logging_type = ceres::SILENT;
-  StopWhenCancelled stop(context);
+  StopWhenCanceled stop(context);
   options.callbacks.push_back(&stop);
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);

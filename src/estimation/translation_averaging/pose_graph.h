@@ -20,7 +20,7 @@ namespace mgsfm {
 // loop without bending every step, which costs more than to tear the one that
 // the fewest pairs cross. With both free, a small turn of each step closes it.
 //
-// Unknowns: the rotation R_f and the centre c_f of each frame that a used pair
+// Unknowns: the rotation R_f and the center c_f of each frame that a used pair
 // connects with another placed frame. A pair of frames f, g has the cameras
 // R_1 = S_1 R_f, R_2 = S_2 R_g, the baseline d = R_1 (C_2 - C_1) in camera 1,
 // and the measured R_12, direction b and length l:
@@ -45,7 +45,7 @@ namespace mgsfm {
 // Solver: Ceres on one thread, for each scale of rho until the relative
 // decrease of the cost is below 1e-6 (or another default criterion of Ceres
 // holds), at most 50 iterations. Cost of an iteration: linear in the pairs, and
-// a sparse Cholesky factorisation with six unknowns per frame.
+// a sparse Cholesky factorization with six unknowns per frame.
 //
 // Other frames turn like the solved frame before them.
 struct PoseGraphEstimate {

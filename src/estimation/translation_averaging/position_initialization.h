@@ -16,7 +16,7 @@ namespace mgsfm {
 
 // Convex L1 estimate of all positions. With C_p the baseline c_j - c_i of pair
 // p, b_p its measured direction and s_p = a_g scale_p its length (a_g the
-// factor of its group of scales), it minimises
+// factor of its group of scales), it minimizes
 //
 //   sum_p  [ |(I - b b^T) C| / sigma_p + phi(b . C - s) ] / length_p
 // + sum_q  |C_q| / sigma_0                          (pairs without parallax)
@@ -28,7 +28,7 @@ namespace mgsfm {
 //   length_p = max(scale_p, min(q_i, q_j) / 2), q the lower quartile of scale_p
 //   of all pairs of a frame with other frames; scale_p of pairs in a frame,
 //
-// over the frame centres, the translations of free sensors, and the factors
+// over the frame centers, the translations of free sensors, and the factors
 // a_g. It is eq. (11) of MGSfM, min |s b - C| with s bounded from below, with
 // the unknown s eliminated pair by pair, norms that do not depend on the axes,
 // and measured lengths and bounds instead of the same bound 1 for all.
@@ -41,7 +41,7 @@ namespace mgsfm {
 // the unit are not determined; they are set to zero and reported.
 //
 // Solved by the ADMM of math/l1_admm.h, which states the stopping criteria.
-// Cost: one sparse factorisation with one unknown per frame, at most two if
+// Cost: one sparse factorization with one unknown per frame, at most two if
 // sensor offsets are known, then solves that are linear in the pairs.
 struct InitialPositions {
   Positions positions;

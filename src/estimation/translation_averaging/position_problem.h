@@ -43,7 +43,7 @@ struct PositionProblem {
 PositionProblem MakePositionProblem(const Scene& scene,
                                     const RotationEstimate& rotations);
 
-// The unknowns. The camera centre of image i is
+// The unknowns. The camera center of image i is
 //   c_i = frame_center[frame] - world_from_cam * sensor_translation[sensor].
 struct Positions {
   Mask frame_is_placed;

@@ -52,7 +52,7 @@ struct LengthHints {
 // Hints add links: between the pairs of each set of equal lengths, and from
 // each expected length to its unit. The latter are weak; they decide where
 // matches do not link pairs. Cost: O(sum over images of (pairs of the image)^2
-// * matches) for the edges, in parallel, and 20 sparse factorisations of a
+// * matches) for the edges, in parallel, and 20 sparse factorizations of a
 // matrix with one row per pair.
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,

@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Lines of sight that must agree on the centre of a frame, which two determine.
+// Lines of sight that must agree on the center of a frame, which two determine.
 // Half or twice as many change no error (docs/results/constants.md).
 constexpr int kMinNumResectionPoints = 6;
 
@@ -92,7 +92,7 @@ std::optional<AcceptedPoint> TriangulateTrack(
   return Accept(track, options, robust->point, 2);
 }
 
-// The centre of a frame lies on the line from `point` along -ray.
+// The center of a frame lies on the line from `point` along -ray.
 struct LineOfSight {
   Vector3d point;
   Vector3d ray;
@@ -111,7 +111,7 @@ std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
       if (!rays.has_ray[k] || positions.frame_is_placed[frame_idx]) {
         continue;
       }
-      // The line is moved from the camera to the centre of the frame.
+      // The line is moved from the camera to the center of the frame.
       const Vector3d offset =
           *problem.world_from_cam[image_idx] *
           positions.sensor_translation[problem.sensor_idx[image_idx]];

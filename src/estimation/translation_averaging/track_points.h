@@ -53,7 +53,7 @@ TrackPoints TriangulateTracks(const PositionProblem& problem,
                               TrackPoints previous = {});
 
 // Places frames that are not yet placed by the points that they see: the lines
-// of sight are intersected in the centre of the frame.
+// of sight are intersected in the center of the frame.
 struct FramePlacement {
   Positions positions;
   int num_placed = 0;

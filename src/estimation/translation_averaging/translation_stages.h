@@ -116,7 +116,7 @@ struct TranslationState {
 };
 
 // What a caller of AverageTranslations() adds to its stages: the rules of pair
-// filtering (mapper/position_recipe.h), or another objective
+// filtering (translation_averaging/position_estimation.h), or another objective
 // (baselines/position_baselines.h). Null functions do nothing.
 struct TranslationHooks {
   LengthHints length_hints = {};

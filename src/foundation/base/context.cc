@@ -24,7 +24,7 @@ void Context::ReportProgress(std::string_view stage, size_t done,
 }
 
 void Context::CheckInterrupted() const {
-  if (is_cancelled && is_cancelled()) throw Interrupted();
+  if (is_canceled && is_canceled()) throw Interrupted();
 }
 
 }  // namespace mgsfm

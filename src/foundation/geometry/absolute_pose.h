@@ -59,7 +59,7 @@ PoseScore ScoreAbsolutePose(
 std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
                                        const Rigid3& unit_from_world);
 
-// Minimises sum_i c^2 / 2 log(1 + r_i^2 / c^2), c = loss_scale, by
+// Minimizes sum_i c^2 / 2 log(1 + r_i^2 / c^2), c = loss_scale, by
 // Levenberg-Marquardt; a step is R <- Exp(delta[0:3]) R, t <- t + delta[3:6].
 // Stops when the relative decrease of the cost is at most 1e-8, or after 20
 // iterations. kFailure for fewer than 3 rays. Cost: one pass over the rays per

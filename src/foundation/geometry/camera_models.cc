@@ -69,8 +69,8 @@ CameraModelInfo MakeInfo(CameraModelId id, std::string_view name) {
         name,
         model.kNumParams,
         range(0, model.kNumFocals),
-        range(model.kNumFocals, model.kNumCentres),
-        range(model.kNumFocals + model.kNumCentres, model.kNumExtra)};
+        range(model.kNumFocals, model.kNumCenters),
+        range(model.kNumFocals + model.kNumCenters, model.kNumExtra)};
   });
 }
 

@@ -117,7 +117,7 @@ std::vector<double> SampsonAngles(const RayMatches& matches,
 
 // --- Refinement ---
 
-// Both refinements minimise the Cauchy loss sum_i c^2 / 2 log(1 + r_i^2 / c^2),
+// Both refinements minimize the Cauchy loss sum_i c^2 / 2 log(1 + r_i^2 / c^2),
 // c = loss scale, and stop when
 //   |step| <= step_tolerance_rad  or
 //   cost decrease <= relative_cost_tolerance * cost.
@@ -130,7 +130,7 @@ struct PoseRefinementOptions {
   bool is_rotation_fixed = false;
 };
 
-// R <- Exp(delta[0:3]) R, t <- t + B delta[3:5], normalised. The columns of B
+// R <- Exp(delta[0:3]) R, t <- t + B delta[3:5], normalized. The columns of B
 // are an orthonormal basis of the plane normal to t.
 Rigid3 PerturbRelativePose(const Rigid3& cam2_from_cam1,
                            const Eigen::Matrix<double, 5, 1>& delta);
@@ -161,7 +161,7 @@ SolveSummary RefineRotation(const RayMatches& matches,
                             const PoseRefinementOptions& options,
                             Eigen::Quaterniond* cam2_from_cam1);
 
-// The unit direction t, up to sign, that minimises sum (t . (R f1 x f2))^2.
+// The unit direction t, up to sign, that minimizes sum (t . (R f1 x f2))^2.
 Eigen::Vector3d FitDirection(const RayMatches& matches,
                              const Eigen::Quaterniond& cam2_from_cam1);
 

@@ -22,7 +22,7 @@ constexpr double kLossScale = 0.5;
 // Number of lengths tested for a guess, each from a different match. At an
 // inlier ratio of 0.2, one of them is right with probability 1 - 0.8^20 = 0.99.
 constexpr int kNumLengthsOfGuess = 20;
-// Centres coincide if their distance is below this fraction of their distances
+// Centers coincide if their distance is below this fraction of their distances
 // to the origins of the units.
 constexpr double kMinRelativeBaseline = 1e-6;
 // Inlier ratio above which no other pose can have more inliers.
@@ -106,7 +106,7 @@ double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
   const Eigen::Vector3d by_turn = by_e * e_by_turn + by_s * s_by_turn;
   const Eigen::Vector3d by_t = by_e * normal + by_s * s_by_t;
   // The axes are those of the unit. Its rotation rotates the cameras and moves
-  // their centres.
+  // their centers.
   const Eigen::Quaterniond unit_from_cam =
       pair.cam2_from_unit2.rotation.conjugate();
   const Eigen::Vector3d arm =

@@ -14,7 +14,7 @@
 
 namespace mgsfm {
 
-// The generalised relative pose of two rigid units, each a set of cameras with
+// The generalized relative pose of two rigid units, each a set of cameras with
 // known poses in the unit, from the matches of all pairs of their cameras.
 // Unlike for two single cameras, the length of the translation is observable.
 
@@ -30,7 +30,7 @@ struct UnitMatches {
 // pose of a pair of cameras is
 //   cam2_from_cam1 = cam2_from_unit2 (R, t) cam1_from_unit1^-1,
 // with the errors r of epipolar.h divided by max_error of the pair. If the
-// centres of both cameras coincide, r is the error of a pure rotation.
+// centers of both cameras coincide, r is the error of a pure rotation.
 
 // The truncated cost sum min(r^2, 1) over all matches. Matches that are not in
 // front of both cameras contribute 1.
@@ -40,7 +40,7 @@ PoseScore ScoreUnitPose(const std::vector<UnitMatches>& pairs,
 // The inliers among the matches of a pair.
 Mask FindUnitInliers(const UnitMatches& pair, const Rigid3& unit2_from_unit1);
 
-// Minimises sum_i c^2 / 2 log(1 + r_i^2 / c^2), c = 1/2, over R and t by
+// Minimizes sum_i c^2 / 2 log(1 + r_i^2 / c^2), c = 1/2, over R and t by
 // Levenberg-Marquardt, where r is the Sampson error; a step is
 //   R <- Exp(delta[0:3]) R,  t <- t + delta[3:6].
 // Stops when the relative decrease of the cost is below 1e-6, or after 10

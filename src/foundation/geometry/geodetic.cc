@@ -24,7 +24,7 @@ Eigen::Vector3d EarthCentered(const Eigen::Vector3d& position) {
           (radius * (1.0 - squared_eccentricity) + position.z()) * sine};
 }
 
-// The columns are the east, north and up axes of an origin, earth-centred.
+// The columns are the east, north and up axes of an origin, earth-centered.
 Eigen::Matrix3d LocalAxes(const Eigen::Vector3d& origin) {
   const double latitude = DegToRad(origin.x());
   const double longitude = DegToRad(origin.y());

@@ -8,7 +8,7 @@
 namespace mgsfm {
 
 // Converts latitude and longitude (degrees) and height above the WGS84
-// ellipsoid (metres) to the local east-north-up frame (metres) of an origin in
+// ellipsoid (meters) to the local east-north-up frame (meters) of an origin in
 // the same coordinates.
 Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
                             const Eigen::Vector3d& origin);
@@ -17,7 +17,7 @@ Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
 Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
                                           const Eigen::Vector3d& origin);
 
-// The transform from the east-north-up frame of an origin to the earth-centred
+// The transform from the east-north-up frame of an origin to the earth-centered
 // frame of WGS84: x towards the meridian of Greenwich, z towards the north pole
 // (m).
 Rigid3 EarthFromEastNorthUp(const Eigen::Vector3d& origin);

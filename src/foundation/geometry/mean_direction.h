@@ -6,7 +6,7 @@
 
 namespace mgsfm {
 
-// A robust mean direction: the unit vector m that minimises
+// A robust mean direction: the unit vector m that minimizes
 // sum_i min(angle(m, v_i), a) over unit vectors v_i with less than half
 // outliers, where a is three times the median angle, at least 1e-6 rad. The
 // initial m is the sample, among 100 evenly spaced ones, with the smallest

@@ -62,7 +62,7 @@ int PositiveRoots(const Eigen::Matrix<double, 5, 1>& polynomial,
   return num_roots;
 }
 
-// Three rays from one centre to points with known distances between each other.
+// Three rays from one center to points with known distances between each other.
 // The unknowns are the depths s along the rays:
 //   s_i^2 + s_j^2 - 2 s_i s_j cos_ij = d_ij^2 .
 class ThreeRays {

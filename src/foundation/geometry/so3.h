@@ -23,7 +23,7 @@ Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q);
 // |omega| = 2 pi.
 Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega);
 
-// Normalises q, which must not be zero. Quaternions of unit length up to
+// Normalizes q, which must not be zero. Quaternions of unit length up to
 // rounding are returned unchanged, so that rotations survive file I/O bit by
 // bit.
 Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q);

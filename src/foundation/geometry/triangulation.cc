@@ -231,7 +231,7 @@ std::optional<Vector3d> TriangulateL1(const std::vector<Vector3d>& centers,
   // The smoothing decreases by a factor of 5 from 1e-2 to kMinSine in 6 steps;
   // the others let the reweighting converge.
   constexpr int kMaxNumIterations = 50;
-  constexpr double kMinSine = 1e-6;  // regularises the norm at zero
+  constexpr double kMinSine = 1e-6;  // regularizes the norm at zero
   const Vector3d origin = Mean(centers);
   const std::vector<Vector3d> local = Shifted(centers, origin);
   auto point = SolveLeastSquares(local, rays);

@@ -12,7 +12,7 @@ namespace mgsfm {
 
 // Triangulation of a point p from two or more rays. Ray k starts at centers[k]
 // and has the unit direction rays[k], in a common frame. All functions use the
-// mean of the centres as origin and relative stopping criteria, so the results
+// mean of the centers as origin and relative stopping criteria, so the results
 // are equivariant to translation and scale.
 
 // The point nearest to all lines, min_p sum_k |rays[k] x (p - centers[k])|^2.
@@ -53,7 +53,7 @@ struct RobustTriangulation {
   int num_inliers = 0;
 };
 
-// Minimises sum_k min(error_k, max_error)^2 over the points of pairs of rays,
+// Minimizes sum_k min(error_k, max_error)^2 over the points of pairs of rays,
 // all pairs or a deterministic subset of 60, and refines the best point to the
 // least squares of the angles of its inliers. nullopt for fewer than two
 // inliers or too small an angle between them.
@@ -63,11 +63,11 @@ std::optional<RobustTriangulation> TriangulateRobust(
     const RobustTriangulationOptions& options);
 
 // Angle between a ray and the direction to the point, in [0, pi]. pi if the
-// point coincides with the centre.
+// point coincides with the center.
 double AngularError(const Eigen::Vector3d& center, const Eigen::Vector3d& ray,
                     const Eigen::Vector3d& point);
 
-// The largest angle at the point between the directions to two centres. The
+// The largest angle at the point between the directions to two centers. The
 // search stops at the first angle of at least enough_rad.
 double MaxTriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
                              const Eigen::Vector3d& point,

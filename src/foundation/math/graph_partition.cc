@@ -24,7 +24,7 @@ class Partitioner {
  public:
   Partitioner(int num_nodes, const std::vector<GraphEdge>& edges,
               const GraphPartitionOptions& options)
-      : edges_(edges), options_(options), neighbours_(num_nodes) {
+      : edges_(edges), options_(options), neighbors_(num_nodes) {
     const std::vector<int> forest = MaximumSpanningForest(num_nodes, edges);
     steps_ = WalkForest(num_nodes, edges, forest);
     std::vector<double> weights;
@@ -33,8 +33,8 @@ class Partitioner {
       min_weight_ = options.min_relative_weight * Median(weights);
     }
     for (const GraphEdge& edge : edges) {
-      neighbours_[edge.node1].push_back({edge.weight, edge.node2});
-      neighbours_[edge.node2].push_back({edge.weight, edge.node1});
+      neighbors_[edge.node1].push_back({edge.weight, edge.node2});
+      neighbors_[edge.node2].push_back({edge.weight, edge.node1});
     }
   }
 
@@ -46,7 +46,7 @@ class Partitioner {
   }
 
  private:
-  using Neighbour = std::pair<double, int>;  // weight, node
+  using Neighbor = std::pair<double, int>;  // weight, node
   // A connected set of nodes: its steps of the walk, parents first.
   using NodeSet = std::vector<ForestStep>;
   // A cut: the position of the step whose edge to its parent is removed.
@@ -65,7 +65,7 @@ class Partitioner {
 
   const std::vector<GraphEdge>& edges_;
   const GraphPartitionOptions& options_;
-  std::vector<std::vector<Neighbour>> neighbours_;
+  std::vector<std::vector<Neighbor>> neighbors_;
   std::vector<ForestStep> steps_;
   double min_weight_ = 0.0;
   std::vector<NodeSet> parts_;
@@ -116,7 +116,7 @@ void Partitioner::Split(NodeSet set, int num_parts) {
 std::optional<Partitioner::Cut> Partitioner::ChooseCut(const NodeSet& set,
                                                        int num_parts) const {
   if (num_parts < 2) return std::nullopt;
-  std::vector<int> num_below(neighbours_.size(), 0);
+  std::vector<int> num_below(neighbors_.size(), 0);
   for (size_t i = set.size(); i-- > 1;) {
     num_below[set[i].node] += 1;
     num_below[set[i].from->parent] += num_below[set[i].node];
@@ -145,7 +145,7 @@ std::optional<Partitioner::Cut> Partitioner::ChooseCut(const NodeSet& set,
 
 std::pair<Partitioner::NodeSet, Partitioner::NodeSet> Partitioner::Separate(
     const NodeSet& set, size_t step) const {
-  Mask is_below(neighbours_.size(), false);
+  Mask is_below(neighbors_.size(), false);
   std::pair<NodeSet, NodeSet> sides;
   for (size_t i = 0; i < set.size(); ++i) {
     ForestStep next = set[i];
@@ -162,7 +162,7 @@ std::pair<Partitioner::NodeSet, Partitioner::NodeSet> Partitioner::Separate(
 
 GraphPartition Partitioner::NumberParts() const {
   GraphPartition result;
-  result.part_of_node.resize(neighbours_.size());
+  result.part_of_node.resize(neighbors_.size());
   for (const NodeSet& set : parts_) {
     std::vector<int> nodes;
     for (const ForestStep& step : set) nodes.push_back(step.node);
@@ -182,12 +182,12 @@ GraphPartition Partitioner::NumberParts() const {
 std::vector<int> Partitioner::Grow(const GraphPartition& partition,
                                    int node) const {
   std::vector<int> grown;
-  Mask is_grown(neighbours_.size(), false);
+  Mask is_grown(neighbors_.size(), false);
   // The strongest edge first, then the smallest node.
-  const auto is_weaker = [](const Neighbour& a, const Neighbour& b) {
+  const auto is_weaker = [](const Neighbor& a, const Neighbor& b) {
     return a.first != b.first ? a.first < b.first : a.second > b.second;
   };
-  std::priority_queue<Neighbour, std::vector<Neighbour>, decltype(is_weaker)>
+  std::priority_queue<Neighbor, std::vector<Neighbor>, decltype(is_weaker)>
       border(is_weaker);
   border.push({0.0, node});
   while (!border.empty() &&
@@ -197,10 +197,10 @@ std::vector<int> Partitioner::Grow(const GraphPartition& partition,
     if (is_grown[next]) continue;
     is_grown[next] = true;
     grown.push_back(next);
-    for (const Neighbour& neighbour : neighbours_[next]) {
-      if (partition.part_of_node[neighbour.second] ==
+    for (const Neighbor& neighbor : neighbors_[next]) {
+      if (partition.part_of_node[neighbor.second] ==
           partition.part_of_node[node]) {
-        border.push(neighbour);
+        border.push(neighbor);
       }
     }
   }

@@ -38,10 +38,10 @@ class Admm {
     return p_.cost(h_);
   }
 
-  // Returns false if x already minimises f to working precision.
+  // Returns false if x already minimizes f to working precision.
   bool ChoosePenalty() {
     h_.noalias() = Ax_ - b_;
-    // The proximal map for rho -> 0 is the nearest minimiser of f.
+    // The proximal map for rho -> 0 is the nearest minimizer of f.
     constexpr double kAlmostZero = 1e-100;
     p_.prox(kAlmostZero, h_, &v_);
     const double distance = (v_ - h_).norm();

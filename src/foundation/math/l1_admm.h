@@ -11,7 +11,7 @@ namespace mgsfm {
 
 // ADMM for sums of norms of linear expressions,
 //
-//   minimise  f(z)   subject to  A x - b = z                              (1)
+//   minimize  f(z)   subject to  A x - b = z                              (1)
 //
 // over x (n x c) and z (m x c; c right-hand sides that share A), where f is
 // convex and separable and has an inexpensive proximal map
@@ -23,10 +23,10 @@ namespace mgsfm {
 // otherwise).
 //
 // Method: alternating directions in scaled form with over-relaxation alpha
-// (Boyd et al. 2011, "Distributed optimisation and statistical learning via
+// (Boyd et al. 2011, "Distributed optimization and statistical learning via
 // the alternating direction method of multipliers", sections 3.1.1, 3.4.3, 6.1)
 //
-//   x <- argmin_x |A x - b - z + u|^2              (one factorisation of A^T A)
+//   x <- argmin_x |A x - b - z + u|^2              (one factorization of A^T A)
 //   h <- alpha (A x - b) + (1 - alpha) z
 //   z <- Prox(rho, h + u)
 //   u <- u + h - z.
@@ -44,7 +44,7 @@ namespace mgsfm {
 // nor, up to round-off, on the origin of x.
 //
 // The initial penalty is rho = f(r) / |r - r*|^2 with r = A x - b at the start
-// and r* the nearest minimiser of f: the typical weight over the size of the
+// and r* the nearest minimizer of f: the typical weight over the size of the
 // residuals. Later changes balance the two ratios above (section 3.4.1) and
 // keep y = rho u. They occur at geometrically growing intervals, so that the
 // penalty settles as the convergence proof requires.

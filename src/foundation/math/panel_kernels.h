@@ -36,7 +36,7 @@ struct PanelScratch {
 void SubtractProduct(const PanelView& A, int m, int n, int k,
                      const PanelTarget& target, PanelScratch* scratch);
 
-// Factorises the square at the top of a panel in place, S = L L^T, and
+// Factorizes the square at the top of a panel in place, S = L L^T, and
 // multiplies the rows below by L^-T. Returns false if a pivot is not positive.
 bool FactorizePanel(int num_rows, int width, int stride, double* values,
                     PanelScratch* scratch);

@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// The sorted neighbours of each node of an undirected graph in flat arrays.
+// The sorted neighbors of each node of an undirected graph in flat arrays.
 class SortedAdjacency {
  public:
   // for_each_edge(visit) calls visit(node1, node2) for all edges. It is called
@@ -22,28 +22,28 @@ class SortedAdjacency {
       ++offsets_[node2 + 1];
     });
     std::partial_sum(offsets_.begin(), offsets_.end(), offsets_.begin());
-    neighbours_.resize(offsets_.back());
+    neighbors_.resize(offsets_.back());
     std::vector<size_t> next(offsets_.begin(), offsets_.end() - 1);
     for_each_edge([&](uint32_t node1, uint32_t node2) {
-      neighbours_[next[node1]++] = node2;
-      neighbours_[next[node2]++] = node1;
+      neighbors_[next[node1]++] = node2;
+      neighbors_[next[node2]++] = node1;
     });
     for (size_t node = 0; node < num_nodes; ++node) {
-      std::sort(neighbours_.begin() + offsets_[node],
-                neighbours_.begin() + offsets_[node + 1]);
+      std::sort(neighbors_.begin() + offsets_[node],
+                neighbors_.begin() + offsets_[node + 1]);
     }
   }
 
   const uint32_t* begin(uint32_t node) const {
-    return neighbours_.data() + offsets_[node];
+    return neighbors_.data() + offsets_[node];
   }
   const uint32_t* end(uint32_t node) const {
-    return neighbours_.data() + offsets_[node + 1];
+    return neighbors_.data() + offsets_[node + 1];
   }
 
-  // The number of common neighbours of a and b. Counting stops at `enough`.
-  uint32_t NumCommonNeighbours(uint32_t a, uint32_t b,
-                               uint32_t enough = UINT32_MAX) const {
+  // The number of common neighbors of a and b. Counting stops at `enough`.
+  uint32_t NumCommonNeighbors(uint32_t a, uint32_t b,
+                              uint32_t enough = UINT32_MAX) const {
     uint32_t num_common = 0;
     const uint32_t *i = begin(a), *j = begin(b);
     while (i != end(a) && j != end(b) && num_common < enough) {
@@ -60,7 +60,7 @@ class SortedAdjacency {
 
  private:
   std::vector<size_t> offsets_;
-  std::vector<uint32_t> neighbours_;
+  std::vector<uint32_t> neighbors_;
 };
 
 }  // namespace mgsfm

@@ -114,7 +114,7 @@ struct SparseCholesky::Impl {
   explicit Impl(int count) : num_threads(count) {
     cholmod_start(&common);
     common.print = 0;
-    // LL^T, not LDL^T: the latter also factorises indefinite matrices.
+    // LL^T, not LDL^T: the latter also factorizes indefinite matrices.
     common.final_ll = 1;
     common.quick_return_if_not_posdef = 1;
   }
@@ -133,7 +133,7 @@ struct SparseCholesky::Impl {
     supernodal.reset();
   }
 
-  // CHOLMOD's numeric factorisation is single-threaded. It is used only for
+  // CHOLMOD's numeric factorization is single-threaded. It is used only for
   // factors that are too sparse to benefit from supernodes.
   bool FactorizeSupernodes(const Eigen::SparseMatrix<double>& H) {
     if (factor->xtype == CHOLMOD_PATTERN &&
@@ -188,13 +188,13 @@ void SparseCholesky::Analyze(const Eigen::SparseMatrix<double>& H,
   // 0 selects CHOLMOD's default strategy.
   impl_->common.nmethods = order == Order::kNatural ? 1 : 0;
   // The natural order results from FindEliminationOrder and is postordered.
-  // Otherwise CHOLMOD would permute all values in every factorisation.
+  // Otherwise CHOLMOD would permute all values in every factorization.
   impl_->common.postorder = order != Order::kNatural;
   impl_->common.method[0].ordering =
       order == Order::kNatural ? CHOLMOD_NATURAL : CHOLMOD_GIVEN;
   impl_->factor = cholmod_analyze(&view, &impl_->common);
   MGSFM_CHECK_MSG(impl_->factor != nullptr,
-                  "CHOLMOD symbolic factorisation failed");
+                  "CHOLMOD symbolic factorization failed");
   if (impl_->factor->is_super) impl_->supernodal.emplace(*impl_->factor, H);
   impl_->num_non_zeros = H.nonZeros();
   impl_->is_factorized = false;

@@ -9,7 +9,7 @@
 namespace mgsfm {
 
 // A fill-reducing elimination order, the better of minimum degree and nested
-// dissection, and the cost of the Cholesky factorisation.
+// dissection, and the cost of the Cholesky factorization.
 struct EliminationOrder {
   std::vector<int> order;  // order[0] is eliminated first
   double num_factor_entries = 0.0;
@@ -21,7 +21,7 @@ struct EliminationOrder {
 EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H);
 
 // Solves H X = B for a sparse symmetric positive definite H and any number of
-// right-hand sides by Cholesky factorisation (CHOLMOD, Chen et al. 2008, ACM
+// right-hand sides by Cholesky factorization (CHOLMOD, Chen et al. 2008, ACM
 // TOMS 887; supernodal factors use several threads). Only the lower triangle of
 // H, including the diagonal, is read. Results do not depend on the number of
 // threads.
@@ -44,11 +44,11 @@ class SparseCholesky {
     kNatural,  // the order of the rows, for matrices that are already ordered
   };
 
-  // Ordering and symbolic factorisation. H must be compressed and not empty.
+  // Ordering and symbolic factorization. H must be compressed and not empty.
   void Analyze(const Eigen::SparseMatrix<double>& H,
                Order order = Order::kFillReducing);
 
-  // Numeric factorisation of a matrix with the pattern passed to Analyze().
+  // Numeric factorization of a matrix with the pattern passed to Analyze().
   // Returns false if H is not finite or not numerically positive definite;
   // Solve() must not be called then.
   [[nodiscard]] bool Factorize(const Eigen::SparseMatrix<double>& H);
@@ -67,10 +67,10 @@ class SparseCholesky {
 };
 
 // The least-squares operator of a sparse matrix A of full column rank, with one
-// factorisation of A^T A. Implements the Operator concept of l1_admm.h.
+// factorization of A^T A. Implements the Operator concept of l1_admm.h.
 class SparseLeastSquares {
  public:
-  // Factorises A^T A; IsPositiveDefinite() returns whether that succeeded.
+  // Factorizes A^T A; IsPositiveDefinite() returns whether that succeeded.
   explicit SparseLeastSquares(Eigen::SparseMatrix<double> A,
                               int num_threads = 1);
 

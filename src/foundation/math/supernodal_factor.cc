@@ -181,7 +181,7 @@ void SupernodalFactor::ChooseSubtrees() {
   }
 }
 
-// One numeric factorisation.
+// One numeric factorization.
 class SupernodalRun {
  public:
   using Workspace = SupernodalFactor::Workspace;

@@ -12,7 +12,7 @@
 
 namespace mgsfm {
 
-// The numeric phase of a sparse Cholesky factorisation P H P^T = L L^T on the
+// The numeric phase of a sparse Cholesky factorization P H P^T = L L^T on the
 // supernodes of CHOLMOD's symbolic analysis. A supernode is a set of columns of
 // L with the same rows, stored as a dense matrix.
 //
@@ -20,14 +20,14 @@ namespace mgsfm {
 // left-looking update:
 //
 //   X = entries of H; X -= L_K L_K^T for all previous panels K with rows in its
-//   columns; L = X with its top square factorised.
+//   columns; L = X with its top square factorized.
 //
 // Updates are applied in ascending order, so the factor does not depend on the
 // number of threads. Independent subtrees of the elimination tree come first,
 // each on one thread. The panels above them follow in order; a thread waits for
 // panels that others are still computing. At most num_threads - 1 panels are in
 // progress elsewhere, so waits are short even for a single dense supernode.
-// Cost: the flops of the factorisation. Memory: the rows of a panel per thread
+// Cost: the flops of the factorization. Memory: the rows of a panel per thread
 // and, unless P is the identity, two numbers per entry of H.
 class SupernodalFactor {
  public:
@@ -36,7 +36,7 @@ class SupernodalFactor {
   SupernodalFactor(const cholmod_factor& symbolic,
                    const Eigen::SparseMatrix<double>& H);
 
-  // Computes the values of the analysed factor, which must be allocated.
+  // Computes the values of the analyzed factor, which must be allocated.
   // Returns false if H is not numerically positive definite.
   [[nodiscard]] bool Factorize(const Eigen::SparseMatrix<double>& H,
                                int num_threads, cholmod_factor* factor);

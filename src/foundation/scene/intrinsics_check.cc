@@ -15,7 +15,7 @@ namespace {
 constexpr double kMaxFocalLengthRatio = 20.0;
 constexpr double kMinFocalLengthRatio = 0.1;
 
-// Lenses are centred on their sensor within a few percent, and usual crops
+// Lenses are centered on their sensor within a few percent, and usual crops
 // keep one of the coordinates there. Both coordinates off by one common factor
 // are those of images of another size.
 constexpr double kMinScaleOfOtherSize = 1.2;
@@ -127,7 +127,7 @@ bool HasDistortion(const Camera& camera) {
                      [&](int i) { return camera.params[i] != 0.0; });
 }
 
-// The size of images whose centre the principal point is.
+// The size of images whose center the principal point is.
 std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
   const std::vector<int>& idxs = ModelOf(camera).principal_point_idxs;
   if (idxs.empty()) return std::nullopt;
@@ -143,14 +143,14 @@ std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
     return std::nullopt;
   }
   return "has its principal point (" + Text(0.5 * width) + ", " +
-         Text(0.5 * height) + ") far from the centre of " +
+         Text(0.5 * height) + ") far from the center of " +
          SizeText(camera.width_px, camera.height_px) +
          ", as intrinsics for images of about " +
          SizeText(std::round(width), std::round(height)) + " have";
 }
 
 // Whether fx, cx, fy, cy were given for fx, fy, cx, cy: then the focal lengths
-// agree better, and the principal point is closer to the centre.
+// agree better, and the principal point is closer to the center.
 std::optional<std::string> WhyInOtherOrder(const Camera& camera) {
   constexpr double kMinMismatch = 1.1, kMaxMismatch = 1.05;
   if (!HasTwoFocalLengths(camera)) return std::nullopt;

@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-// Beyond it, neighbouring numbers in double precision are more than 0.1 apart.
+// Beyond it, neighboring numbers in double precision are more than 0.1 apart.
 constexpr double kMaxCoordinate = 1e15;
 
 bool IsUnit(const Eigen::Quaterniond& rotation) {

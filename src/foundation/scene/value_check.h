@@ -19,7 +19,7 @@ std::optional<std::string> WhyImplausible(
 // A pose has a unit quaternion.
 std::optional<std::string> WhyImplausible(const Rigid3& pose);
 
-// The pose that a file holds with a few digits: normalises a quaternion that is
+// The pose that a file holds with a few digits: normalizes a quaternion that is
 // of unit length up to rounding. Any other stays as it is, so that
 // WhyImplausible refuses it.
 Rigid3 PoseOfFile(const Eigen::Quaterniond& rotation,

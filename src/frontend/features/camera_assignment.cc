@@ -149,7 +149,7 @@ std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
               "' of image '" + image_name + "'; add it");
 }
 
-// No distortion; the principal point is the image centre.
+// No distortion; the principal point is the image center.
 std::vector<double> DefaultParams(const CameraModelInfo& model, int width,
                                   int height, double focal_length_px) {
   std::vector<double> params(static_cast<size_t>(model.num_params), 0.0);

@@ -14,7 +14,7 @@ namespace mgsfm {
 // Metadata of an image (EXIF).
 struct ImageTags {
   std::optional<double> focal_length_px;
-  // Latitude and longitude in degrees, altitude in metres. As in COLMAP, a
+  // Latitude and longitude in degrees, altitude in meters. As in COLMAP, a
   // missing altitude is 0.
   std::optional<Eigen::Vector3d> position_wgs84;
   // DateTimeOriginal with SubSecTimeOriginal, interpreted as UTC.

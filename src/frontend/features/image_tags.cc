@@ -32,7 +32,7 @@ std::optional<double> PositiveNumberOf(const Exiv2::ExifData& tags,
 }
 
 // Values of Exif.Photo.FocalPlaneResolutionUnit: inch, cm, mm, um.
-std::optional<double> MillimetresOfUnit(double unit) {
+std::optional<double> MillimetersOfUnit(double unit) {
   switch (static_cast<int>(unit)) {
     case 2:
       return 25.4;
@@ -56,7 +56,7 @@ std::optional<double> FocalLengthPx(const Exiv2::ExifData& tags, int width,
   const auto resolution =
       PositiveNumberOf(tags, "Exif.Photo.FocalPlaneXResolution");
   // The default unit is the inch.
-  const auto unit_mm = MillimetresOfUnit(
+  const auto unit_mm = MillimetersOfUnit(
       NumberOf(tags, "Exif.Photo.FocalPlaneResolutionUnit").value_or(2.0));
   if (!focal_mm || !resolution || !unit_mm) return std::nullopt;
   // The resolution refers to the original, which may have been resized.

@@ -23,7 +23,7 @@ constexpr double kMaxOffset = 1.5;  // beyond it the quadratic is invalid
 
 using DogTriple = std::array<const cv::Mat*, 3>;
 
-// Pixel 2 i is pixel i; pixels in between are the mean of their neighbours.
+// Pixel 2 i is pixel i; pixels in between are the mean of their neighbors.
 cv::Mat DoubleSize(const cv::Mat& image) {
   cv::Mat doubled(2 * image.rows, 2 * image.cols, CV_32F);
   for (int y = 0; y < doubled.rows; ++y) {
@@ -60,7 +60,7 @@ cv::Mat Blur(const cv::Mat& image, double sigma1, double sigma2) {
   return blurred;
 }
 
-// Whether D at `center` exceeds that of all neighbours (sign 1) or is below it
+// Whether D at `center` exceeds that of all neighbors (sign 1) or is below it
 // (sign -1).
 bool IsExtremum(const std::array<const float*, 3>& center, ptrdiff_t stride,
                 float sign) {

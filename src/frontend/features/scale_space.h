@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// The image at one range of scales. The centre of the first pixel of an octave
+// The image at one range of scales. The center of the first pixel of an octave
 // is 0; pixel x of octave o is at 2^o x in the image. The first octave, -1, is
 // the image at twice its size.
 struct Octave {
@@ -38,8 +38,8 @@ struct ScaleSpace {
 };
 
 // `image` holds floats in [0, 1]. Candidates are pixels whose D is larger, or
-// smaller, than that of all 26 neighbours. They are refined by at most 5 Newton
-// steps on the quadratic through the neighbours and kept if |D| >
+// smaller, than that of all 26 neighbors. They are refined by at most 5 Newton
+// steps on the quadratic through the neighbors and kept if |D| >
 // peak_threshold and
 //   trace(H)^2 / det(H) < (edge_threshold + 1)^2 / edge_threshold
 // for the Hessian H of D in the image plane. Only three scales of D are in

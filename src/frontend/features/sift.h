@@ -21,9 +21,9 @@ struct Features {
 };
 
 // SIFT (Lowe: Distinctive image features from scale-invariant keypoints, IJCV
-// 2004) with COLMAP's conventions: the centre of the first pixel is (0.5, 0.5);
+// 2004) with COLMAP's conventions: the center of the first pixel is (0.5, 0.5);
 // the first octave is the image at twice its size; the scale of a keypoint is
-// the sigma of its level; descriptors are L1-root normalised (Arandjelovic,
+// the sigma of its level; descriptors are L1-root normalized (Arandjelovic,
 // Zisserman: Three things everyone should know to improve object retrieval,
 // CVPR 2012), v_i = min(255, round(512 sqrt(d_i / |d|_1))), in Lowe's order of
 // elements.

@@ -245,7 +245,7 @@ void GradientDescriber::GatherCells(const cv::Mat& level,
   const float cells_per_pixel = 1.0f / (kCellSize * point.sigma);
   const float c = std::cos(orientation_rad) * cells_per_pixel;
   const float s = std::sin(orientation_rad) * cells_per_pixel;
-  // Distance from the centre up to which gradients contribute to the outermost
+  // Distance from the center up to which gradients contribute to the outermost
   // cells, up to rounding.
   const float reach = 0.5f * (kNumCells + 1) - 1e-3f;
   const float radius = std::sqrt(2.0f) * reach / cells_per_pixel;

@@ -26,7 +26,7 @@ class GradientDescriber {
   // Histograms of 8 directions in 4 x 4 cells of 3 sigma, rotated by the
   // orientation. Gradients are interpolated between the nearest bins in x, y
   // and angle and weighted by a Gaussian of 2 cells. The descriptor is
-  // L2-normalized, clipped at 0.2 and normalised again. Order: rows, columns,
+  // L2-normalized, clipped at 0.2 and normalized again. Order: rows, columns,
   // directions; these run from y to x, like Lowe's.
   SiftDescriptor Describe(const cv::Mat& level, const ScaleSpacePoint& point,
                           float orientation_rad);
@@ -35,7 +35,7 @@ class GradientDescriber {
   // Gradients of pixels; the first `size` elements of the arrays are valid.
   struct Gradients {
     size_t size = 0;
-    std::vector<float> dx, dy;       // derivatives of the grey value
+    std::vector<float> dx, dy;       // derivatives of the gray value
     std::vector<float> weight;       // Gaussian
     std::vector<float> column, row;  // position in cells of the descriptor
     std::vector<float> length, angle;

@@ -137,7 +137,7 @@ class ImageRun {
     const fs::path original_path = options_.image_path / task.name;
     const std::string file = ReadFile(original_path);
     const bool is_unchanged = IsUnchanged(camera, views);
-    const DecodedImage decoded = Decode(file, Colours(), camera);
+    const DecodedImage decoded = Decode(file, Colors(), camera);
     if (decoded.is_nearly_black && !is_unchanged) {
       const std::lock_guard<std::mutex> lock(warnings_mutex_);
       warnings_.Add("image '" + task.name +
@@ -186,7 +186,7 @@ class ImageRun {
     }
   }
 
-  int Colours() const {
+  int Colors() const {
     return options_.keeps_depth ? cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH
                                 : cv::IMREAD_ANYCOLOR;
   }

@@ -14,7 +14,7 @@ namespace {
 // Columns that bicubic interpolation needs beyond the border.
 constexpr int kPadding = 2;
 
-// The centre of the pixel, in the convention of the camera models.
+// The center of the pixel, in the convention of the camera models.
 Eigen::Vector2d CenterOf(int x, int y) { return {x + 0.5, y + 0.5}; }
 
 // The size of the original at the resolution of its views, but not larger than

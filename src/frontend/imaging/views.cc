@@ -106,7 +106,7 @@ struct BorderPixels {
   }
 };
 
-// The centres of the outermost pixels.
+// The centers of the outermost pixels.
 BorderPixels PixelsOfBorder(const Camera& camera) {
   BorderPixels border;
   for (int y = 0; y < camera.height_px; ++y) {
@@ -223,7 +223,7 @@ void FitToOriginal(const Camera& camera, const ViewOptions& options,
   SetSize(width_px, height_px, pinhole);
 }
 
-// A centred image with this horizontal field of view.
+// A centered image with this horizontal field of view.
 void FitToAngle(double field_of_view_rad, double height_per_width,
                 Camera* pinhole) {
   const double tangent = std::tan(0.5 * field_of_view_rad);
@@ -253,7 +253,7 @@ void LimitSize(int max_image_size, Camera* pinhole) {
   SetSize(width_px, height_px, pinhole);
 }
 
-// The largest part of the image of which the principal point is the centre.
+// The largest part of the image of which the principal point is the center.
 void CenterPrincipalPoint(Camera* pinhole) {
   const auto crop = [](int size, double* center) {
     const double cropped_size = 2.0 * std::min(*center, size - *center);

@@ -17,7 +17,7 @@ using State = internal::RoughDecision::State;
 // Descriptors have a norm of 512 up to the rounding of their elements.
 constexpr double kSquaredNorm = 512.0 * 512.0;
 
-// Whether a descriptor accepts its nearest neighbour.
+// Whether a descriptor accepts its nearest neighbor.
 class Acceptance {
  public:
   explicit Acceptance(const DescriptorMatchingOptions& options)

@@ -20,9 +20,9 @@ struct DescriptorView {
   const uint8_t* Row(size_t i) const { return data + i * kDim; }
 };
 
-// Matches two images by exact nearest neighbours, sorted by the first keypoint.
+// Matches two images by exact nearest neighbors, sorted by the first keypoint.
 // The distance of two descriptors is the angle arccos(dot / 512^2). Descriptor
-// i accepts its nearest neighbour j if
+// i accepts its nearest neighbor j if
 //   d(i, j) <= max_distance  and  d(i, j) < max_ratio d(i, second nearest);
 // with cross_check, j must accept i as well. Ties go to the smaller index.
 //

@@ -10,7 +10,7 @@
 
 namespace mgsfm {
 
-// The nearest neighbour of a descriptor in another image, that is, the one with
+// The nearest neighbor of a descriptor in another image, that is, the one with
 // the largest dot product (the first of equal ones), and the second largest dot
 // product. Dense ints, as the kernel fills one per descriptor: dot products are
 // non-negative, so kNone compares below all of them.
@@ -21,7 +21,7 @@ struct TwoNearest {
   int32_t second_dot = kNone;
 };
 
-// Exact two nearest neighbours of all descriptors of both images: all dot
+// Exact two nearest neighbors of all descriptors of both images: all dot
 // products in integer arithmetic, 128 |1| |2| multiplications. They are
 // computed in tiles that stay in registers and cache and serve both directions.
 // Uses AVX2 where available, with the same result.

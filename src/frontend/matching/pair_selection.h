@@ -93,10 +93,10 @@ ImagePairList RetrievePairs(const std::vector<FrameSequence>& sequences,
 
 // -------------------------------------------------------------- position
 
-// Pairs of each image with its nearest neighbours; of equally near images those
+// Pairs of each image with its nearest neighbors; of equally near images those
 // with smaller indices. An image without position takes that of the first image
-// of its frame with one; frames without any position are ignored. Neighbours
-// are exact, by FLANN's kd-tree: O(n log n + neighbours) for n images in
+// of its frame with one; frames without any position are ignored. Neighbors
+// are exact, by FLANN's kd-tree: O(n log n + neighbors) for n images in
 // general position.
 ImagePairList SpatialPairs(
     const Scene& scene,

@@ -13,7 +13,7 @@
 namespace mgsfm::internal {
 namespace {
 
-// Reweighting steps of the local optimisation; each uses the inliers and
+// Reweighting steps of the local optimization; each uses the inliers and
 // weights of the model before. One and four find the inliers within 0.6 %
 // (docs/results/constants.md).
 constexpr int kNumLocalSteps = 2;
@@ -30,7 +30,7 @@ Eigen::Matrix3d ToMatrix(const Vector9d& m) {
       m.data());
 }
 
-// The unit vector x that minimises x^T A x.
+// The unit vector x that minimizes x^T A x.
 Vector9d SmallestEigenvector(const Matrix9d& A) {
   return Eigen::SelfAdjointEigenSolver<Matrix9d>(A).eigenvectors().col(0);
 }

@@ -19,7 +19,7 @@ namespace mgsfm::internal {
 // distance of both rays to the constraint:
 //   r = f2^T F f1 / sqrt(|F f1|^2 + |F^T f2|^2 - 2 (f2^T F f1)^2).
 // Samples: seven points (Hartley, Zisserman: Multiple View Geometry, 2004,
-// 11.1.2). Local optimisation: weighted least squares on the inliers.
+// 11.1.2). Local optimization: weighted least squares on the inliers.
 std::optional<Eigen::Matrix3d> EstimateFundamental(const RayMatches& matches,
                                                    const RansacOptions& options,
                                                    Random* random);
@@ -28,7 +28,7 @@ bool IsFundamentalInlier(const Eigen::Matrix3d& F, const Eigen::Vector3d& ray1,
 
 // H with f2 ~ H f1, of positive scale. The error is the larger of
 // |f2 - H f1 / |H f1|| and its counterpart from image 2 to 1. Samples: four
-// points, in closed form. Local optimisation: weighted least squares on the
+// points, in closed form. Local optimization: weighted least squares on the
 // inliers.
 std::optional<Eigen::Matrix3d> EstimateHomography(const RayMatches& matches,
                                                   const RansacOptions& options,

@@ -9,7 +9,7 @@
 
 namespace mgsfm::internal {
 
-// The decision of a descriptor about its nearest neighbour in the other image,
+// The decision of a descriptor about its nearest neighbor in the other image,
 // as far as approximate dot products determine it.
 struct RoughDecision {
   enum class State {
@@ -18,7 +18,7 @@ struct RoughDecision {
     kUnsure,   // needs exact dot products
   };
   State state = State::kUnsure;
-  std::optional<int32_t> best_idx;  // the nearest neighbour, if it is certain
+  std::optional<int32_t> best_idx;  // the nearest neighbor, if it is certain
 };
 
 struct RoughDecisions {
@@ -27,7 +27,7 @@ struct RoughDecisions {
 };
 
 // Whether a descriptor with these largest dot products accepts its nearest
-// neighbour. Must not become true as second_dot increases.
+// neighbor. Must not become true as second_dot increases.
 using AcceptanceTest = std::function<bool(int32_t best_dot, double second_dot)>;
 
 // Decides most descriptors by dot products of descriptors a of image 1 with

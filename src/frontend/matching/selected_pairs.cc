@@ -32,7 +32,7 @@ ImagePairList RetrievedPairs(const FeatureDatabase& database,
                        context);
 }
 
-// Positions in metres if they are WGS84, otherwise in the unit of the database.
+// Positions in meters if they are WGS84, otherwise in the unit of the database.
 std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
     const FeatureDatabase& database, const Scene& scene, PositionKind kind) {
   using CoordinateSystem = PosePriorRow::CoordinateSystem;

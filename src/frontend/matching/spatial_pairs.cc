@@ -38,9 +38,9 @@ std::vector<PlacedImage> PlaceImages(
   return placed;
 }
 
-// Exact nearest neighbours in a kd-tree. FLANN alone breaks ties by the layout
+// Exact nearest neighbors in a kd-tree. FLANN alone breaks ties by the layout
 // of its tree, and images of one frame often share a position. It therefore
-// only bounds the distance of the last neighbour; all images within it are
+// only bounds the distance of the last neighbor; all images within it are
 // sorted.
 class NearestImages {
  public:
@@ -91,7 +91,7 @@ class NearestImages {
   using Index = flann::KDTreeSingleIndex<flann::L2_Simple<double>>;
   using Coordinates = flann::Matrix<double>;
 
-  // All images as near as the last neighbour, including the query itself.
+  // All images as near as the last neighbor, including the query itself.
   std::vector<size_t> FindCandidates(size_t query) const {
     const flann::SearchParams exact(flann::FLANN_CHECKS_UNLIMITED);
     Eigen::Vector3d position = images_[query].position;

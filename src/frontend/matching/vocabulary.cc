@@ -147,7 +147,7 @@ class VocabularyTrainer {
     return children;
   }
 
-  // Initial centres are distinct random samples.
+  // Initial centers are distinct random samples.
   void Initialize(const Cluster& cluster) {
     Vocabulary::Node& node = tree_.nodes_[cluster.node];
     node.num_children = NumChildren(cluster);
@@ -165,7 +165,7 @@ class VocabularyTrainer {
     }
   }
 
-  // Assigns samples to centres. Returns whether an assignment changed.
+  // Assigns samples to centers. Returns whether an assignment changed.
   bool Assign(const std::vector<Cluster>& clusters, bool is_first) {
     std::vector<Cluster> blocks;
     for (const Cluster& cluster : clusters) {
@@ -190,7 +190,7 @@ class VocabularyTrainer {
     return has_changed;
   }
 
-  // Rounded means of integers. A centre without samples is unchanged.
+  // Rounded means of integers. A center without samples is unchanged.
   void UpdateCenters(const Cluster& cluster) {
     const Vocabulary::Node& node = tree_.nodes_[cluster.node];
     std::vector<int64_t> sums(static_cast<size_t>(node.num_children) * kDim, 0);
@@ -214,7 +214,7 @@ class VocabularyTrainer {
     }
   }
 
-  // Sorts the samples by child. A node whose samples all have the same centre
+  // Sorts the samples by child. A node whose samples all have the same center
   // becomes a leaf.
   void AddChildren(const Cluster& cluster, std::vector<Cluster>* children) {
     const auto begin =
@@ -261,7 +261,7 @@ Vocabulary Vocabulary::Train(DescriptorView samples,
 // ------------------------------------------------------------------- files
 //
 // The line kMagic, the number of nodes (int32), and per node, in the order of
-// `nodes_`: first child, number of children, word (int32 each) and centre (128
+// `nodes_`: first child, number of children, word (int32 each) and center (128
 // times int16). Little-endian.
 
 namespace {

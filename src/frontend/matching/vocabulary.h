@@ -15,11 +15,11 @@ namespace mgsfm {
 // hierarchical k-means (Nister, Stewenius: Scalable recognition with a
 // vocabulary tree, CVPR 2006). A node with n samples is split into
 // min(branching, n / m) children if these are at least two, where m is the mean
-// number of samples per word, at least 8. Centres are rounded to integers, so
+// number of samples per word, at least 8. Centers are rounded to integers, so
 // that all sums are exact and the tree is independent of the number of threads.
 // FLANN was measured and not adopted, see docs/development/libraries.md.
 //
-// K-means of a level stops when no sample changes its centre, or after
+// K-means of a level stops when no sample changes its center, or after
 // num_iterations. O(samples * branching * levels * iterations).
 class Vocabulary {
  public:
@@ -48,7 +48,7 @@ class Vocabulary {
     int word = 0;  // meaningful if num_children is 0
   };
 
-  // Index of the nearest of `num_centers` centres.
+  // Index of the nearest of `num_centers` centers.
   static int FindNearest(const int16_t* descriptor, const int16_t* centers,
                          const int32_t* squared_norms, int num_centers);
 

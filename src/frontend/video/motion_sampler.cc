@@ -26,7 +26,7 @@ constexpr size_t kMinNumPatches = 10;
 constexpr double kMinCorrelation = 0.8;
 // Motion of the last candidate, relative to that of the first. With eight
 // images per min_motion, the selected one is sharper than 83 % of all, and
-// neighbours are 1.25 min_motion apart on average (docs/results/constants.md).
+// neighbors are 1.25 min_motion apart on average (docs/results/constants.md).
 constexpr double kWindow = 1.5;
 // A camera that stops within the window need not move on to be sampled; 60
 // candidates are two seconds at 30 Hz.

@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// Selects images of a moving camera such that neighbours have parallax but
+// Selects images of a moving camera such that neighbors have parallax but
 // still overlap, and are sharp:
 //
 // - The motion of an image is the median displacement of image patches since
@@ -43,7 +43,7 @@ class MotionSampler {
   const double min_motion_;
   std::vector<int> selected_;
   cv::Mat reference_;               // the last selected image
-  std::vector<cv::Point> patches_;  // their centres in the reference
+  std::vector<cv::Point> patches_;  // their centers in the reference
   std::vector<Frame> candidates_;
 };
 

@@ -171,8 +171,8 @@ bool IsGray(AVPixelFormat format) {
   return description != nullptr && description->nb_components == 1;
 }
 
-// The matrix and range with which the camera encoded colours.
-void SetColourSpace(const AVFrame& frame, SwsContext* scaler) {
+// The matrix and range with which the camera encoded colors.
+void SetColorSpace(const AVFrame& frame, SwsContext* scaler) {
   const bool is_known = frame.colorspace != AVCOL_SPC_UNSPECIFIED &&
                         frame.colorspace != AVCOL_SPC_RGB;
   const int* const from = sws_getCoefficients(
@@ -195,7 +195,7 @@ cv::Mat Convert(const AVFrame& frame, cv::Size size, bool is_gray) {
                          : SWS_BICUBIC | SWS_ACCURATE_RND | SWS_FULL_CHR_H_INT,
                      nullptr, nullptr, nullptr));
   if (!scaler) return {};
-  SetColourSpace(frame, scaler.get());
+  SetColorSpace(frame, scaler.get());
   cv::Mat image(size, is_gray ? CV_8UC1 : CV_8UC3);
   uint8_t* const data[] = {image.data};
   const int stride[] = {static_cast<int>(image.step)};

@@ -33,7 +33,7 @@ class VideoDecoder {
 
   // The time of the current image. Valid after Next() returned true.
   virtual int64_t TimeNs() const = 0;
-  // 8 bits per channel; BGR, or grey if the video is.
+  // 8 bits per channel; BGR, or gray if the video is.
   virtual cv::Mat ReadPixels() const = 0;
   // Gray, scaled down such that no side exceeds `max_size_px`.
   virtual cv::Mat ReadSmallGray(int max_size_px) const = 0;

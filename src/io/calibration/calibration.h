@@ -12,7 +12,7 @@
 namespace mgsfm {
 
 // A camera as any calibration file describes it, in COLMAP's conventions: the
-// centre of the first pixel is (0.5, 0.5).
+// center of the first pixel is (0.5, 0.5).
 struct CalibratedCamera {
   // Possible names of its image folder, most specific first; not empty.
   std::vector<std::string> names;

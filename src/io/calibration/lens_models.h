@@ -10,7 +10,7 @@
 namespace mgsfm {
 
 // A pinhole camera with lens distortion in the conventions of OpenCV and
-// Kalibr: pixels are counted from the centre of the first one.
+// Kalibr: pixels are counted from the center of the first one.
 struct PinholeLens {
   double fx = 0.0;
   double fy = 0.0;

@@ -62,7 +62,7 @@ struct FisheyeFit {
 };
 
 // Linear least squares over directions that the image shows: the coefficients
-// of a fisheye with the same scale at the image centre.
+// of a fisheye with the same scale at the image center.
 FisheyeFit Fit(const UnifiedLens& lens, const Vector2d& focals_px,
                double max_angle_rad, bool has_tangential) {
   const int num_coefficients = kNumRadial + (has_tangential ? 2 : 0);

@@ -15,8 +15,8 @@
 
 namespace mgsfm {
 
-// The features of one image. hloc counts pixels from the centre of the first
-// one; here its centre is (0.5, 0.5).
+// The features of one image. hloc counts pixels from the center of the first
+// one; here its center is (0.5, 0.5).
 struct HlocFeatures {
   std::vector<FeatureKeypoint> keypoints;
   // Bytes of float32 as COLMAP 4 stores them, a row per keypoint; empty if

@@ -41,7 +41,7 @@ std::string WhyUnusable(const cv::Mat& image, const Camera& camera) {
          std::to_string(camera.height_px);
 }
 
-// An observation of one image and where its colour goes.
+// An observation of one image and where its color goes.
 struct Sample {
   int keypoint_idx;
   size_t sample_idx;
@@ -54,7 +54,7 @@ Rgb PixelAt(const cv::Mat& bgr, int x, int y) {
           static_cast<float>(pixel[0])};
 }
 
-// Bilinear; the centre of the first pixel is (0.5, 0.5).
+// Bilinear; the center of the first pixel is (0.5, 0.5).
 Rgb Interpolate(const cv::Mat& bgr, const Eigen::Vector2f& keypoint_px) {
   // Pixels beyond the border repeat it.
   const float x = std::clamp(keypoint_px.x() - 0.5f, 0.0f,
@@ -105,7 +105,7 @@ std::vector<UncoloredImage> ColorPoints(const Scene& scene,
       },
       1,
       [&](size_t num_done) {
-        context.ReportProgress("colours", num_done, scene.images.size());
+        context.ReportProgress("colors", num_done, scene.images.size());
       });
 
   size_t sample_idx = 0;

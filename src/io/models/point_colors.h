@@ -11,13 +11,13 @@
 
 namespace mgsfm {
 
-// An image that gives no colours, and why: "cannot be read".
+// An image that gives no colors, and why: "cannot be read".
 struct UncoloredImage {
   std::string name;
   std::string problem;
 };
 
-// Colours every point with the mean, over its observations, of the bilinearly
+// Colors every point with the mean, over its observations, of the bilinearly
 // interpolated image at the keypoint. Points seen in none of the images found
 // stay black. Each image file is read once, in parallel over images; at most
 // num_threads images are in memory. Returns the images that could not be used,

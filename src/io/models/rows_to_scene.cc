@@ -216,7 +216,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   CheckKeypoints(result.scene, input_name, context);
   if (kind != "model" || options.HasKnownRig()) {
     const auto problem = WhyRigsAreNotMetric(result.scene);
-    // Calibrations are in metres; a rig configuration may have any unit.
+    // Calibrations are in meters; a rig configuration may have any unit.
     if (problem && !options.calibration_path->empty()) {
       throw Error("'" + *options.calibration_path + "': " + *problem);
     }

@@ -256,7 +256,7 @@ bool AreGps(const std::vector<Eigen::Vector3d>& positions, PositionKind kind,
                 "ref_is_gps to 1 if they are degrees, to 0 if they are "
                 "lengths");
   }
-  // Heights in metres differ by more than degrees do, lengths by less.
+  // Heights in meters differ by more than degrees do, lengths by less.
   const bool is_flat = box.sizes().z() <= extent;
   if (extent <= (is_flat ? kSmallExtentDeg : kMaxExtentDeg)) return true;
   throw Error(source +
@@ -327,7 +327,7 @@ void CheckGeoOrigin(const Eigen::Vector3d& origin_wgs84,
   }
   throw Error(source +
               " is not a latitude and longitude in degrees and an altitude in "
-              "metres; correct it");
+              "meters; correct it");
 }
 
 std::optional<Eigen::Vector3d> ReadGeoOrigin(const std::string& model_folder) {

@@ -47,7 +47,7 @@ bool IsSide(const std::string& part) {
 std::string JoinWithout(const Parts& parts, size_t position) {
   std::string joined;
   for (size_t i = 0; i < parts.size(); ++i) {
-    // A star keeps the place apart from the neighbours.
+    // A star keeps the place apart from the neighbors.
     joined += i == position ? "*" : parts[i];
   }
   return joined;

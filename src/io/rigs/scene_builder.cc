@@ -286,8 +286,8 @@ std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene) {
     if (length <= kMaxLength_m) continue;
     return "a camera of the rig of '" + scene.sensors[rig.ref_sensor_idx].name +
            "' is " + FormatDouble(length, std::chars_format::general, 4) +
-           " from the reference, which counts as metres; divide the "
-           "translations by 1000 if they are in millimetres";
+           " from the reference, which counts as meters; divide the "
+           "translations by 1000 if they are in millimeters";
   }
   return std::nullopt;
 }

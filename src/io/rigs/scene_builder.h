@@ -17,8 +17,8 @@ namespace mgsfm {
 Scene BuildScene(RigInput input, RigAssignment assignment,
                  const Context& context);
 
-// Why the known poses in rigs cannot be in metres: rigs on ships and trucks are
-// shorter than the bound, and baselines in millimetres exceed it. nullopt if
+// Why the known poses in rigs cannot be in meters: rigs on ships and trucks are
+// shorter than the bound, and baselines in millimeters exceed it. nullopt if
 // they may be.
 std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene);
 

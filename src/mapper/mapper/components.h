@@ -3,13 +3,13 @@
 
 #include <vector>
 
-#include "mapper/rotation_recipe.h"
 #include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/scene/estimates.h"
 #include "pair_filtering/frame_pair_index.h"
+#include "rotation_averaging/rotation_estimation.h"
 
 namespace mgsfm {
 

@@ -18,10 +18,10 @@ namespace mgsfm {
 std::string CovariancesToCsv(const Scene& scene,
                              const CovarianceResult& covariances);
 
-// Whether the covariances tell the centre of a sensor from that of the
+// Whether the covariances tell the center of a sensor from that of the
 // reference of its rig: chance moves them apart as far in less than 1 of 10,000
 // rigs. Otherwise its translation counts as determined only if it is as certain
-// as the frames are: the centres of some cameras coincide.
+// as the frames are: the centers of some cameras coincide.
 bool IsPlaceDetermined(const Reconstruction& model,
                        const CovarianceResult& covariances, int sensor_idx);
 

@@ -197,8 +197,8 @@ std::string UnitRemedy(double scale) {
   const auto is_near = [scale](double expected) {
     return std::max(scale / expected, expected / scale) < kMaxRatio;
   };
-  if (is_near(1e-3)) return "give the rig in metres, not in millimetres";
-  if (is_near(1e3)) return "give the positions in metres, not in millimetres";
+  if (is_near(1e-3)) return "give the rig in meters, not in millimeters";
+  if (is_near(1e3)) return "give the positions in meters, not in millimeters";
   return "correct the baselines of the rig, or the unit of the positions";
 }
 

@@ -12,15 +12,15 @@
 #include "mapper/metric_scale.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
-#include "mapper/motion_recipe.h"
-#include "mapper/position_recipe.h"
-#include "mapper/rotation_recipe.h"
 #include "mapper/stage.h"
 #include "mapper/unknown_lenses.h"
 #include "mapper/verified_pairs.h"
 #include "mapper/weak_seams.h"
 #include "mgsfm/base/mask.h"
+#include "moving_objects/moving_objects.h"
 #include "pair_filtering/frame_pair_index.h"
+#include "rotation_averaging/rotation_estimation.h"
+#include "translation_averaging/position_estimation.h"
 
 namespace mgsfm {
 namespace {

@@ -3,9 +3,9 @@
 
 #include <functional>
 
-#include "mapper/position_recipe.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
+#include "translation_averaging/position_estimation.h"
 
 namespace mgsfm {
 

@@ -69,11 +69,11 @@ std::optional<KnownBaseline> ParseMetricScale(const std::string& text,
       second == std::string::npos ? second : text.rfind(':', second - 1);
   if (text.compare(0, begin, kPrefix) != 0 || first == std::string::npos ||
       first < begin || first == second) {
-    Throw(text, "give known_baseline=CAMERA1:CAMERA2:METRES");
+    Throw(text, "give known_baseline=CAMERA1:CAMERA2:METERS");
   }
   const auto length_m = ParseDouble(text.substr(second + 1));
   if (!length_m || !(*length_m > 0.0)) {
-    Throw(text, "the last part is not a positive number of metres");
+    Throw(text, "the last part is not a positive number of meters");
   }
   KnownBaseline baseline{
       FindSensors(scene, text.substr(begin, first - begin),
@@ -87,7 +87,7 @@ std::optional<KnownBaseline> ParseMetricScale(const std::string& text,
   return baseline;
 }
 
-std::optional<double> MetresPerUnit(const KnownBaseline& baseline,
+std::optional<double> MetersPerUnit(const KnownBaseline& baseline,
                                     const Reconstruction& model) {
   double sum = 0.0;
   int count = 0;

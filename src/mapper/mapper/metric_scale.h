@@ -11,13 +11,13 @@
 
 namespace mgsfm {
 
-// The measured distance of the centres of two sensors.
+// The measured distance of the centers of two sensors.
 struct KnownBaseline {
   std::vector<std::pair<int, int>> sensor_idxs;  // one pair per rig
   double length_m = 0.0;
 };
 
-// Parses "known_baseline=LEFT:RIGHT:METRES" with names of sensors; nullopt if
+// Parses "known_baseline=LEFT:RIGHT:METERS" with names of sensors; nullopt if
 // the text is empty. Throws Error unless the length is positive and a rig has
 // both sensors.
 std::optional<KnownBaseline> ParseMetricScale(const std::string& text,
@@ -25,7 +25,7 @@ std::optional<KnownBaseline> ParseMetricScale(const std::string& text,
 
 // The factor that makes the mean distance of the estimated pairs of sensors
 // the known one; nullopt if none is estimated or all coincide.
-std::optional<double> MetresPerUnit(const KnownBaseline& baseline,
+std::optional<double> MetersPerUnit(const KnownBaseline& baseline,
                                     const Reconstruction& model);
 
 }  // namespace mgsfm

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "base/format.h"
-#include "georegistration/gravity_levelling.h"
+#include "georegistration/gravity_leveling.h"
 #include "georegistration/pose_graph_deformation.h"
 #include "georegistration/position_registration.h"
 #include "mapper/candidates.h"
@@ -104,15 +104,15 @@ void ScaleToBaseline(const AdjustmentInput& input, bool has_world,
         "model define the unit of length");
     return;
   }
-  model->metres_per_unit = MetresPerUnit(*baseline, model->reconstruction);
-  if (!model->metres_per_unit) {
+  model->meters_per_unit = MetersPerUnit(*baseline, model->reconstruction);
+  if (!model->meters_per_unit) {
     context.Warning(
         "metric_scale is not used: the model has not the poses of both "
         "cameras, or they coincide");
     return;
   }
   Sim3 metric_from_model;
-  metric_from_model.scale = *model->metres_per_unit;
+  metric_from_model.scale = *model->meters_per_unit;
   TransformWorld(metric_from_model, &model->reconstruction);
 }
 

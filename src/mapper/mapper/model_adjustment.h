@@ -43,8 +43,8 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  MapperModel* model);
 
 // old_from_new, aligned by the images of both models: the rotation is the mean
-// of their relative rotations, scale and translation minimise the squared
-// distances of their centres. The scale is 1 if `is_metric` or if all centres
+// of their relative rotations, scale and translation minimize the squared
+// distances of their centers. The scale is 1 if `is_metric` or if all centers
 // coincide.
 Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
                   const Reconstruction& new_model, bool is_metric);

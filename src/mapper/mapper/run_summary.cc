@@ -48,7 +48,7 @@ std::string UnitOfLength(const MapperResult& result, const MapperModel& model) {
   if (model.position_priors && model.position_priors->is_registered) {
     return "metric, that of the measured positions";
   }
-  if (model.metres_per_unit) {
+  if (model.meters_per_unit) {
     return MetricWithin(model) + ", by the known baseline";
   }
   if (model.extension) return "that of the extended model";

@@ -32,7 +32,7 @@ struct SeamTest {
   const Context& context;
   const Reconstruction& model;
   Mask frame_is_beyond;
-  std::vector<size_t> crossing;  // pairs of neighbours in time
+  std::vector<size_t> crossing;  // pairs of neighbors in time
 
   bool IsBeyond(int image_idx) const {
     return frame_is_beyond[input.scene.images[image_idx].frame_idx];
@@ -45,7 +45,7 @@ std::vector<size_t> FindCrossing(const FramePairIndex& index,
   std::vector<size_t> crossing;
   for (size_t i = 0; i < index.num_pairs(); ++i) {
     const FramePairIndex::FramePair& frames = index.Of(i);
-    if (index.AreNeighbours(frames) &&
+    if (index.AreNeighbors(frames) &&
         frame_is_beyond[frames.frame_idx1] !=
             frame_is_beyond[frames.frame_idx2] &&
         model.rig_from_world[frames.frame_idx1] &&

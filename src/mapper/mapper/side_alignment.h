@@ -17,7 +17,7 @@ namespace mgsfm {
 //
 // Problem: the pose of one side relative to the other that explains most
 // matches of its keypoints with points of the other side, in both directions.
-// Only matches of neighbours in time count, since places can look alike.
+// Only matches of neighbors in time count, since places can look alike.
 // Unknown: 6 parameters, by LO-RANSAC (geometry/absolute_pose.h). An inlier has
 // the largest error of an observation in bundle adjustment.
 //
@@ -26,7 +26,7 @@ namespace mgsfm {
 //   n - m > 3 sqrt(n + m),  n >= min_num_inliers of the view graph,
 //
 // with n and m the matches that only one of them explains. Then the model is
-// adjusted again with all pairs of the neighbours across the seam. It stays if
+// adjusted again with all pairs of the neighbors across the seam. It stays if
 // significantly more points tie both sides; `input` then uses these pairs.
 // Seams are tested by ascending confidence, until none changes.
 //

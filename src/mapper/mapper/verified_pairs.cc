@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "mapper/stage.h"
-#include "pair_filtering/fixed_regions.h"
+#include "moving_objects/fixed_regions.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {

@@ -3,12 +3,12 @@
 
 #include <optional>
 
-#include "mapper/motion_recipe.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "moving_objects/moving_objects.h"
 
 namespace mgsfm {
 
@@ -28,7 +28,7 @@ struct VerifiedPairs {
 };
 
 // Verifies all matches, and again without those of fixed regions
-// (pair_filtering/fixed_regions.h), if there are any. Adds the summary and the
+// (moving_objects/fixed_regions.h), if there are any. Adds the summary and the
 // times of the stages to the result.
 [[nodiscard]] VerifiedPairs VerifyAllPairs(const Scene& scene,
                                            const ViewGraph& matches,

@@ -43,7 +43,7 @@ using ConfidenceFunction =
 // is adjusted again, the largest first, without the pairs that cross a seam,
 // and keeps the summaries of the stages before. Sets of fewer than
 // min_num_frames frames, and those that points alone do not hold together, are
-// omitted. `pair_on_path` has the motion of the rig by motion_recipe.h.
+// omitted. `pair_on_path` has the motion of the rig by moving_objects.h.
 [[nodiscard]] std::vector<MapperModel> TestSeams(
     const FramePairIndex& index,
     const std::vector<std::optional<Rigid3>>& pair_on_path,

@@ -20,7 +20,7 @@ class Ground {
          const Eigen::Vector2d& max);
 
   double HeightAt(const Eigen::Vector2d& position) const;
-  // Distance to the centre line of the road, at most kMaxRoadDistance_m;
+  // Distance to the center line of the road, at most kMaxRoadDistance_m;
   // bilinear.
   double RoadDistanceAt(const Eigen::Vector2d& position) const;
   // Lane, kerb and pavement end at 5.4 m.

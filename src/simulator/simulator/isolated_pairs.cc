@@ -107,7 +107,7 @@ std::optional<PairPlan> IsolatedPairMaker::FindUnrelated(Random* random) const {
   return plan;
 }
 
-// A motion of a few metres, mostly forward or backward, with a slight turn.
+// A motion of a few meters, mostly forward or backward, with a slight turn.
 Rigid3 IsolatedPairMaker::RandomPose(const PairPlan& plan,
                                      Random* random) const {
   const Eigen::Vector3d turn = DegToRad(1.0) * RandomNormal(random, 2, 6, 2);

@@ -88,8 +88,8 @@ std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
   return partners;
 }
 
-// The images with the most points in common, except neighbours, at most one per
-// camera and stretch of neighbours, whatever the shape of the path.
+// The images with the most points in common, except neighbors, at most one per
+// camera and stretch of neighbors, whatever the shape of the path.
 std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
                                   const Photographs& photographs, int image,
                                   int num_points) {

@@ -32,12 +32,12 @@ struct Photographs {
 int NumCommonPoints(const Features& features1, const Features& features2,
                     int num_points);
 
-// The pairs of temporal neighbours. Depends only on which images exist.
+// The pairs of temporal neighbors. Depends only on which images exist.
 std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
                                     const Drive& drive,
                                     const std::vector<Exposure>& exposures);
 
-// Temporal neighbours and pairs of revisited places, sorted.
+// Temporal neighbors and pairs of revisited places, sorted.
 std::vector<PairPlan> PlanPairs(const SimulationOptions& options,
                                 const Drive& drive, const World& world,
                                 const Photographs& photographs,

@@ -10,8 +10,8 @@
 
 namespace mgsfm {
 
-// The road below a drive in a level frame with z up, in metres. Consecutive
-// nodes are one metre apart. The road extends beyond both ends of the drive.
+// The road below a drive in a level frame with z up, in meters. Consecutive
+// nodes are one meter apart. The road extends beyond both ends of the drive.
 struct RoadNode {
   Eigen::Vector3d ground;
   Eigen::Vector2d heading = Eigen::Vector2d::UnitX();

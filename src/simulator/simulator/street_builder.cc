@@ -15,7 +15,7 @@ namespace {
 constexpr double kFacadeClearance_m = 4.5;
 constexpr double kFurnitureClearance_m = 2.2;
 // Dimensions of the simulated street, here and in the functions below. They
-// only need to be plausible. Nodes are one metre apart.
+// only need to be plausible. Nodes are one meter apart.
 constexpr double kFoundation_m = 2.0;
 constexpr double kBuildingDepth_m = 8.0;
 constexpr double kGapProbability = 0.35;
@@ -102,7 +102,7 @@ void StreetBuilder::BuildFacades(int side) {
 }
 
 void StreetBuilder::AddEndWalls(int node, int side, const Block& block) {
-  // A wall is left out as a whole if its centre is near the road.
+  // A wall is left out as a whole if its center is near the road.
   constexpr double kPiece_m = 2.0;
   for (double depth = 0.0; depth < kBuildingDepth_m; depth += kPiece_m) {
     AddWall(Beside(node, side, block.offset_m + depth),
@@ -165,7 +165,7 @@ void StreetBuilder::AddCylinder(const Eigen::Vector2d& center, double radius_m,
   surfaces_.push_back({center, center, radius_m, bottom_m, top_m});
 }
 
-// Length of duplicate structures in metres, and how many fit along a road.
+// Length of duplicate structures in meters, and how many fit along a road.
 constexpr int kMinBlockNodes = 18;
 constexpr int kMaxBlockNodes = 30;
 constexpr double kMinFacadeShare = 0.5;
@@ -184,7 +184,7 @@ bool IsStraight(const Road& road, int begin, int size) {
   return true;
 }
 
-// The pose of the centre of a segment, with x forward and y to the left.
+// The pose of the center of a segment, with x forward and y to the left.
 Rigid3 LevelFromMiddle(const Road& road, int begin, int size) {
   const RoadNode& node = road.nodes()[begin + size / 2];
   const double yaw = std::atan2(node.heading.y(), node.heading.x());
@@ -232,7 +232,7 @@ class StretchFinder {
 
   // The same within a distance before or after a node.
   int FindNear(int node, int size, Random* random) const {
-    constexpr int kMaxDistance = 40;  // metres, as nodes are one metre apart
+    constexpr int kMaxDistance = 40;  // meters, as nodes are one meter apart
     return Find(
         size, false, std::max(road_.driven_begin(), node - kMaxDistance - size),
         std::min(road_.driven_end() - size, node + kMaxDistance), random);
@@ -240,7 +240,7 @@ class StretchFinder {
 
   // Also keeps a distance to other duplicate structures.
   void Use(int begin, int size) {
-    constexpr int kDistance = 10;  // metres
+    constexpr int kDistance = 10;  // meters
     const int end = static_cast<int>(is_used_.size());
     for (int i = std::max(0, begin - kDistance);
          i < std::min(end, begin + size + kDistance); ++i) {

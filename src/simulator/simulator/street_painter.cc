@@ -26,7 +26,7 @@ Color Mix(const Color& a, const Color& b, float share) {
 
 Color Gray(float level) { return Color::Constant(level); }
 
-// A random muted colour.
+// A random muted color.
 Color RandomColor(uint32_t bits, float darkest, float brightest, float tint) {
   const float level = darkest + (brightest - darkest) * Fraction(bits, 0);
   return Gray(level) + tint * (Color(Fraction(bits, 1), Fraction(bits, 2),

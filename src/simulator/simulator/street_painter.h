@@ -10,10 +10,10 @@
 
 namespace mgsfm {
 
-// Display colours: red, green and blue in [0, 1].
+// Display colors: red, green and blue in [0, 1].
 using Color = Eigen::Vector3f;
 
-// The appearance of a street: a colour for each point of its surfaces. Houses,
+// The appearance of a street: a color for each point of its surfaces. Houses,
 // cars and trees have individual seeds. The camera affects only the footprint
 // of its pixels.
 class StreetPainter {

@@ -14,8 +14,8 @@ namespace {
 // Points are also sampled from positions up to this distance beyond both ends
 // of the drive.
 constexpr int kMoreViewpoints_m = 15;
-// Rays per camera and metre, relative to the maximum number of features. Short
-// drives use more rays per metre.
+// Rays per camera and meter, relative to the maximum number of features. Short
+// drives use more rays per meter.
 constexpr double kRaysPerFeature = 0.3;
 constexpr double kMinDrive_m = 30.0;
 // Probability that a ray finds a feature on a surface.

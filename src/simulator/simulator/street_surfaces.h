@@ -14,7 +14,7 @@ namespace mgsfm {
 // Surfaces along a road in its level frame: vertical walls (facades, sides of
 // parked cars) and vertical cylinders (poles, trunks and crowns of trees).
 struct Surface {
-  Eigen::Vector2d a;  // end of a wall, centre of a cylinder
+  Eigen::Vector2d a;  // end of a wall, center of a cylinder
   Eigen::Vector2d b;  // other end of a wall
   double radius_m;    // of a cylinder; 0 for walls
   double bottom_m;

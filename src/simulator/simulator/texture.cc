@@ -68,7 +68,7 @@ float Spots(const Place& place, double cell_m, float density, uint32_t seed) {
   const CellPlace at = CellOf(place.u_m / cell_m, place.v_m / cell_m);
   const uint32_t bits = HashCell(at.column, at.row, seed);
   if (Fraction(bits, 0) >= density) return 0.0f;
-  // Spots lie within their cell, so neighbouring cells are irrelevant.
+  // Spots lie within their cell, so neighboring cells are irrelevant.
   const float radius = 0.12f + 0.26f * Fraction(bits, 1);
   const uint32_t more = HashSeed(bits, seed);
   const float room = 1.0f - 2.0f * radius;

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cstdint>
 
-// Procedural non-repeating textures over two coordinates in metres. They depend
-// on a seed and are band-limited to the footprint of a pixel (metres), which
+// Procedural non-repeating textures over two coordinates in meters. They depend
+// on a seed and are band-limited to the footprint of a pixel (meters), which
 // avoids aliasing and flicker between views.
 namespace mgsfm::texture {
 

@@ -18,7 +18,7 @@ namespace mgsfm {
 constexpr double kConvoyRepeatability = 0.6;
 
 // A point in the frame of a vehicle: x left, y up, z forward, origin on the
-// ground below its centre.
+// ground below its center.
 struct VehiclePoint {
   Eigen::Vector3d position;
   Eigen::Vector3d normal;

@@ -20,13 +20,13 @@ namespace {
 // the number of matches on a vehicle, by this factor.
 constexpr int kMinNumPairs = 2;
 constexpr double kSafetyFactor = 1.5;
-// Steps of the fraction of points that are recognised on both sides.
+// Steps of the fraction of points that are recognized on both sides.
 constexpr double kShareStep = 0.02;
 // Fraction of the weak cuts that are at a turn.
 constexpr double kShareAtTurns = 0.5;
 
 // The change of appearance is complete after two frames: the fraction of points
-// that frames recognise, relative to consecutive frames.
+// that frames recognize, relative to consecutive frames.
 double ShareOfGap(int gap) { return gap == 1 ? 1.0 : (gap == 2 ? 0.5 : 0.0); }
 
 // A number in [0, 1) for a point at a cut.
@@ -166,7 +166,7 @@ Support CutInspector::SupportOf(const std::vector<Common>& pairs) const {
   return support;
 }
 
-// Removes the points that are not recognised across a cut.
+// Removes the points that are not recognized across a cut.
 void RemoveChanged(uint64_t seed, int cut, double share,
                    std::vector<Common>* pairs) {
   for (Common& common : *pairs) {

@@ -16,24 +16,24 @@ namespace mgsfm {
 std::vector<int> PlanWeakCuts(const SimulationOptions& options,
                               const Drive& drive);
 
-// Tells which points are recognised on both sides of weak cuts.
+// Tells which points are recognized on both sides of weak cuts.
 class WeakCuts {
  public:
-  // Chooses the fraction of points that are recognised across each cut of the
+  // Chooses the fraction of points that are recognized across each cut of the
   // world such that about as many correct matches remain as the options demand.
   // Omits cuts where fewer would remain.
   WeakCuts(const SimulationOptions& options, const Drive& drive,
            const World& world, const Detector& detector,
            const Photographs& photographs);
 
-  // Whether two frames recognise the same point. True for other passes of the
+  // Whether two frames recognize the same point. True for other passes of the
   // same place.
   bool AreSeenAlike(int frame1, int frame2, int identity) const;
 
  private:
   struct Cut {
     int frame;
-    double share;  // of the points that are recognised on both sides
+    double share;  // of the points that are recognized on both sides
   };
 
   const uint64_t seed_;

@@ -22,7 +22,7 @@ namespace {
 constexpr double kSurfaceMargin_m = 0.5;
 // The same for boxes, relative to the distance.
 constexpr double kBoxMargin = 1e-3;
-// Points of boxes are recognised within this angle of their best view, which is
+// Points of boxes are recognized within this angle of their best view, which is
 // within half of it of the normal, and over this range of distances.
 constexpr double kMaxTurn_deg = 55.0;
 constexpr double kDistanceRange = 6.0;

@@ -45,7 +45,7 @@ class PointIndex {
              const Eigen::Quaterniond& level_from_world);
 
   // Calls function(point) for all points that may be detectable from a camera
-  // centre. `distance_scale` converts distances to the reference focal length.
+  // center. `distance_scale` converts distances to the reference focal length.
   template <class Function>
   void ForEachNear(const Eigen::Vector2d& position_in_level,
                    double distance_scale, const Function& function) const {

@@ -125,7 +125,7 @@ TEST(AlignPoses, OneImageGivesRotationAndPlaceAtScaleOne) {
   ExpectNear(*AlignPoses(images), model_from_world.Inverse(), 1e-9);
 }
 
-// The centres differ only by rounding, or by noise in the model.
+// The centers differ only by rounding, or by noise in the model.
 TEST(AlignPoses, StandingCameraHasScaleOne) {
   Random random(4);
   for (const double noise : {0.0, 0.01}) {

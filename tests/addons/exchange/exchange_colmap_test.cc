@@ -64,7 +64,7 @@ std::vector<size_t> Ranks(const std::vector<std::string>& names) {
   return ranks;
 }
 
-// Points with place, colour and observations, the last records of a file.
+// Points with place, color and observations, the last records of a file.
 void ReadPoints(size_t num_points, const std::vector<std::string>& names,
                 std::istream* file, ForeignModel* model) {
   for (size_t i = 0; i < num_points; ++i) {
@@ -176,7 +176,7 @@ TEST_F(ColmapConverter, WritesTheSameNvmWithoutTheShiftOfPixels) {
   const ForeignModel read = ParseNvm(ReadTextFile(Path("out")));
   ForeignModel expected{read.images, {}};
   for (std::vector<double> point : read.points) {
-    // Behind place and colour: image, keypoint, x and y of each observation.
+    // Behind place and color: image, keypoint, x and y of each observation.
     for (size_t i = 8; i + 1 < point.size(); i += 4) {
       for (size_t k = 0; k < 2; ++k) point[i + k] += shift[k];
     }

@@ -177,7 +177,7 @@ std::vector<double> Values(const cv::FileNode& node) {
   return values;
 }
 
-// All but the pixels, which count from the centre of the first one.
+// All but the pixels, which count from the center of the first one.
 void ExpectIntrinsics(double fx, double fy, double cx, double cy,
                       const Camera& camera) {
   const CameraModelInfo& info =

@@ -91,7 +91,7 @@ Tracks TracksOf(const Simulation& drive) {
     for (const Observation& o : point.track) {
       const Image& image = drive.scene.images[o.image_idx];
       const Eigen::Vector2f& pixel = image.keypoints_px[o.keypoint_idx];
-      // Bundler's pixels are differences from the centre.
+      // Bundler's pixels are differences from the center.
       track.insert(
           {image.name,
            {std::round(1e3 * pixel.x()), std::round(1e3 * pixel.y())}});
@@ -208,7 +208,7 @@ TEST_F(Import, DamagedNvmIsRefused) {
   ExpectRefused("a.nvm", head + "b.jpg 500 1 0 0 0 1 2 3 0 0\n",
                 AllOf(HasSubstr("'b.jpg'"), HasSubstr("image_path")));
   ExpectRefused("a.nvm", head + image + "\n1\n5 6 7 1 2 300 1 0 17 2 4\n",
-                AllOf(HasSubstr("line 7"), HasSubstr("colour")));
+                AllOf(HasSubstr("line 7"), HasSubstr("color")));
   ExpectRefused("a.nvm", head + image + "\n1\n5 6 7 1 2 3 1 4 17 2 4\n",
                 AllOf(HasSubstr("line 7"), HasSubstr("image 4")));
   ExpectRefused("a.nvm", head + image + "\n1\n5 6 x 1 2 3 1 0 17 2 4\n",
@@ -453,8 +453,8 @@ TEST_F(Import, PlyFilesHaveWhatTheirHeaderSays) {
   }
 }
 
-// The values decide whether colours in floating point end at 1 or at 255.
-TEST_F(Import, ColoursOfPlyFilesMayBeShares) {
+// The values decide whether colors in floating point end at 1 or at 255.
+TEST_F(Import, ColorsOfPlyFilesMayBeShares) {
   const auto color = [&](const std::string& rgb) {
     WriteTextFile(Path("c.ply"),
                   "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"

@@ -150,7 +150,7 @@ def test_click_on_a_camera_and_a_point(drive, report):
     assert page.complaints() == []
 
 
-def test_slider_keys_and_colouring(drive, report):
+def test_slider_keys_and_coloring(drive, report):
     model, folder = drive
     page, _ = report(folder)
     scroll_to_view(page)

@@ -160,10 +160,10 @@ TEST(ReportPage, LengthsHaveTheUnitOfTheSummary) {
                            unit + R"("}]}})");
   };
   EXPECT_THAT(page("metric, that of the known rig"),
-              AllOf(HasSubstr("centre in the rig [m]"),
-                    Not(HasSubstr("centre in the rig [units]"))));
+              AllOf(HasSubstr("center in the rig [m]"),
+                    Not(HasSubstr("center in the rig [units]"))));
   for (const std::string& arbitrary : {page("arbitrary scale"), Page(drive)}) {
-    EXPECT_THAT(arbitrary, AllOf(HasSubstr("centre in the rig [units]"),
+    EXPECT_THAT(arbitrary, AllOf(HasSubstr("center in the rig [units]"),
                                  Not(HasSubstr("in the rig [m]"))));
   }
 }

@@ -128,8 +128,8 @@ TEST(AdjustBundleTest, PriorExtrinsicsAreRefined) {
   }
 }
 
-// Prior extrinsics with one common centre keep it.
-TEST(AdjustBundleTest, CommonCentreOfPriorExtrinsicsIsKept) {
+// Prior extrinsics with one common center keep it.
+TEST(AdjustBundleTest, CommonCenterOfPriorExtrinsicsIsKept) {
   SimulationOptions simulated =
       NoisyScene(RigPreset::kCube6, PathPreset::kCurve);
   simulated.extrinsics_are_known = true;
@@ -271,7 +271,7 @@ TEST(RefineReconstructionTest, OutliersAreRemoved) {
 }
 
 // Wrong matches that agree with the present poses: points right in front of a
-// camera, where a pixel is a fraction of a millimetre.
+// camera, where a pixel is a fraction of a millimeter.
 void AddMatchesNearby(const Reconstruction& model, double relative_distance,
                       Scene* scene, ObservationGroups* groups) {
   const std::vector<ImageView> views = MakeImageViews(*scene, model);

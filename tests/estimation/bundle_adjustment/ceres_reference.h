@@ -6,7 +6,7 @@
 namespace mgsfm {
 
 // Solves the same problem with Ceres, numeric derivatives and a different
-// parametrisation. Rotations must be completely free or constant, intrinsics
+// parametrization. Rotations must be completely free or constant, intrinsics
 // constant. Returns the final cost.
 double SolveWithCeres(const BundleProblem& problem, BundleState* state);
 

@@ -24,7 +24,7 @@ SimulationOptions DriveOptions(PathPreset path) {
   return options;
 }
 
-// The largest distance of camera centres, without alignment.
+// The largest distance of camera centers, without alignment.
 double MaxDistance(const Simulation& simulation, const Reconstruction& model) {
   double most = 0.0;
   for (size_t i = 0; i < simulation.scene.images.size(); ++i) {

@@ -131,7 +131,7 @@ TEST(RigChecksTest, DelaysAreNoMoves) {
   RemoveDelays(drive.scene, delays, &samples);
   EXPECT_THAT(FindRigMoves(drive.scene, samples), IsEmpty());
   const std::vector<Finding> findings = DescribeDelays(drive.scene, delays);
-  ASSERT_THAT(CausesOf(findings), ElementsAre(Cause::kUnsynchronised));
+  ASSERT_THAT(CausesOf(findings), ElementsAre(Cause::kUnsynchronized));
   EXPECT_EQ(findings[0].cameras.front(), drive.scene.sensors[1].name);
   delays.cameras[0].is_certain = false;
   EXPECT_THAT(DescribeDelays(drive.scene, delays), IsEmpty());

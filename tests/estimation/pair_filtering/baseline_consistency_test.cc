@@ -8,7 +8,7 @@
 namespace mgsfm {
 namespace {
 
-// A row of single cameras, one unit apart. Neighbours are the skeleton.
+// A row of single cameras, one unit apart. Neighbors are the skeleton.
 struct Row {
   explicit Row(int num_frames) {
     for (int i = 0; i < num_frames; ++i) {
@@ -30,7 +30,7 @@ struct Row {
         MeasuredBaseline{length * Eigen::Vector3d::UnitX(), 1.0, true});
     is_in_skeleton.push_back(is_skeleton_edge);
   }
-  // One entry per pair that does not connect neighbours.
+  // One entry per pair that does not connect neighbors.
   Mask Inconsistent(double max_drift) const {
     const Mask all = FindInconsistentBaselines(
         FramePairIndex(scene, view_graph), view_graph, is_in_skeleton,

@@ -19,7 +19,7 @@ constexpr int kPartSize = 25;
 
 enum class Verdict { kUsed, kDiscontinuous, kUnused };
 
-// The frame of rank k in time has the index order[k]. Neighbours, at most ten
+// The frame of rank k in time has the index order[k]. Neighbors, at most ten
 // steps apart, are connected within each of four parts A, B, C, D of kPartSize
 // frames.
 class Drive {
@@ -187,7 +187,7 @@ TEST(ContestedCutsTest, PartsFarApartInTimeMayBeJoined) {
   }
 }
 
-// The path drifts; the pairs of neighbours within a part decide.
+// The path drifts; the pairs of neighbors within a part decide.
 TEST(ContestedCutsTest, LoopsWithinAPartMayContradictTheMotion) {
   Drive drive;
   const size_t loop = drive.Add(0, 24, Verdict::kUsed);
@@ -204,7 +204,7 @@ TEST(ContestedCutsTest, AContestedPairWithinAPartIsNoCut) {
   EXPECT_FALSE(drive.FindLoops().Any());
 }
 
-TEST(ContestedCutsTest, PairsOfNeighboursAreNoLoops) {
+TEST(ContestedCutsTest, PairsOfNeighborsAreNoLoops) {
   Drive drive;
   ContestTwoCuts(&drive);
   const size_t loop = drive.Add(19, 30, Verdict::kUsed);

@@ -23,7 +23,7 @@ constexpr int kDisplacedRank = 20;
 const Vector3d kStep(0.0, 0.1, 1.0);
 
 // Frames with one image at the origin of the rig, on a straight drive with
-// exact pairs of neighbours. The frame of rank k in time has the index
+// exact pairs of neighbors. The frame of rank k in time has the index
 // order[k].
 class StraightDrive {
  public:
@@ -88,7 +88,7 @@ class StraightDrive {
   Scene scene_;
   ViewGraph view_graph_;
   MeasuredBaselines measured_;
-  // The centres of the frames, which are those of their only images.
+  // The centers of the frames, which are those of their only images.
   std::vector<std::optional<Vector3d>> centers_;
 };
 

@@ -25,7 +25,7 @@ void AddPair(int image_idx1, int image_idx2, ViewGraph* view_graph) {
   view_graph->pairs.push_back(pair);
 }
 
-TEST(RejectedGroups, AreStretchesOfNeighbours) {
+TEST(RejectedGroups, AreStretchesOfNeighbors) {
   const Scene scene = MakeScene(100);
   ViewGraph view_graph;
   AddPair(10, 50, &view_graph);

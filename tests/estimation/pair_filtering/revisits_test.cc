@@ -16,22 +16,22 @@ namespace {
 
 constexpr int kNumLoopFrames = 120;
 constexpr int kSecondPass = 80;  // its first rank
-constexpr int kNeighbourReach = 10;
+constexpr int kNeighborReach = 10;
 
 // Loop pairs between frames, by their ranks. The frame of rank k in time has
-// the index order[k]. Pairs of neighbours, which are not used, reach over
-// kNeighbourReach frames.
+// the index order[k]. Pairs of neighbors, which are not used, reach over
+// kNeighborReach frames.
 class RevisitLoops {
  public:
   explicit RevisitLoops(std::vector<int> order = InOrder(kNumLoopFrames))
       : order_(std::move(order)), scene_(SingleImageFrames(order_)) {
-    for (int gap = 1; gap <= kNeighbourReach; ++gap) {
+    for (int gap = 1; gap <= kNeighborReach; ++gap) {
       for (int k = 0; k + gap < kNumLoopFrames; ++k) {
         AddPair(k, k + gap);
         is_used_.push_back(false);
       }
     }
-    num_neighbours_ = is_used_.size();
+    num_neighbors_ = is_used_.size();
   }
 
   void Add(int rank1, int rank2) {
@@ -50,7 +50,7 @@ class RevisitLoops {
       for (int k = 0; k < size2; ++k) Add(i, kSecondPass + k);
     }
   }
-  void DoNotUse(size_t loop) { is_used_[num_neighbours_ + loop] = false; }
+  void DoNotUse(size_t loop) { is_used_[num_neighbors_ + loop] = false; }
 
   Mask Find(SequenceMode mode = SequenceMode::kYes) const {
     return FindRevisits(FramePairIndex(scene_, view_graph_, mode), is_used_);
@@ -73,7 +73,7 @@ class RevisitLoops {
   Scene scene_;
   ViewGraph view_graph_;
   Mask is_used_;
-  size_t num_neighbours_ = 0;
+  size_t num_neighbors_ = 0;
 };
 
 TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
@@ -81,7 +81,7 @@ TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
        {InOrder(kNumLoopFrames), Shuffled(kNumLoopFrames)}) {
     for (const bool is_reversed : {false, true}) {
       RevisitLoops loops(order);
-      loops.AddPasses(2 * kNeighbourReach + 1, 1, is_reversed);
+      loops.AddPasses(2 * kNeighborReach + 1, 1, is_reversed);
       EXPECT_TRUE(loops.AreAllRevisits());
       EXPECT_FALSE(loops.Find(SequenceMode::kNo).Any());
     }
@@ -90,17 +90,17 @@ TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
 
 TEST(Revisits, AreNotDuplicateStructures) {
   RevisitLoops loops;
-  loops.AddPasses(2 * kNeighbourReach, 1, false);
+  loops.AddPasses(2 * kNeighborReach, 1, false);
   EXPECT_FALSE(loops.AreAllRevisits());
   // A rig that stands still sees a duplicate in any number of frames.
   RevisitLoops standing;
-  standing.AddDuplicate(40, kNeighbourReach);
+  standing.AddDuplicate(40, kNeighborReach);
   EXPECT_FALSE(standing.AreAllRevisits());
 }
 
 TEST(Revisits, AreNotOnePass) {
   RevisitLoops loops;
-  for (int k = 0; k <= 50; ++k) loops.Add(k, k + kNeighbourReach + 2);
+  for (int k = 0; k <= 50; ++k) loops.Add(k, k + kNeighborReach + 2);
   EXPECT_FALSE(loops.AreAllRevisits());
 }
 
@@ -115,7 +115,7 @@ TEST(Revisits, HaveShortGapsOnly) {
 TEST(Revisits, ConsistOfUsedLoops) {
   RevisitLoops loops;
   loops.AddPasses(30, 3, false);
-  loops.Add(0, kNeighbourReach);  // neighbours, no loop
+  loops.Add(0, kNeighborReach);  // neighbors, no loop
   EXPECT_EQ(loops.Find().Count(), 11U);
   loops.DoNotUse(5);  // leaves two parts of 12 steps
   EXPECT_FALSE(loops.Find().Any());

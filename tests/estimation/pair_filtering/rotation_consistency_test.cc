@@ -11,8 +11,8 @@
 namespace mgsfm {
 namespace {
 
-// A row of single cameras with equal rotations. Neighbours are the skeleton;
-// each pair of neighbours is half a degree off.
+// A row of single cameras with equal rotations. Neighbors are the skeleton;
+// each pair of neighbors is half a degree off.
 struct Row {
   explicit Row(int num_frames) {
     for (int i = 0; i < num_frames; ++i) {
@@ -36,7 +36,7 @@ struct Row {
     view_graph.pairs.push_back(pair);
     is_in_skeleton.push_back(is_skeleton_edge);
   }
-  // Per pair that is not one of neighbours.
+  // Per pair that is not one of neighbors.
   Mask Inconsistent(const PairFilteringOptions& options = {}) const {
     const Mask all = FindInconsistentRotations(
         scene, FramePairIndex(scene, view_graph), view_graph,

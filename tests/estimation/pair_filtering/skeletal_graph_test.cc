@@ -48,23 +48,23 @@ Mask Select(const Scene& scene, const ViewGraph& view_graph,
                              {}, 1);
 }
 
-TEST(SkeletalGraph, ContainsNeighboursAndNoDuplicates) {
+TEST(SkeletalGraph, ContainsNeighborsAndNoDuplicates) {
   const Scene scene = MakeScene(20);
   ViewGraph view_graph;
-  Mask is_neighbour;
+  Mask is_neighbor;
   for (int i = 0; i + 1 < 20; ++i) {
     AddPair(i, i + 1, 100, &view_graph);
-    is_neighbour.push_back(true);
+    is_neighbor.push_back(true);
     if (i + 2 < 20) {
       AddPair(i, i + 2, 50, &view_graph);
-      is_neighbour.push_back(false);
+      is_neighbor.push_back(false);
     }
     if (i + 10 < 20) {
       AddPair(i, i + 10, 40, &view_graph);
-      is_neighbour.push_back(false);
+      is_neighbor.push_back(false);
     }
   }
-  EXPECT_EQ(Select(scene, view_graph), is_neighbour);
+  EXPECT_EQ(Select(scene, view_graph), is_neighbor);
 }
 
 TEST(SkeletalGraph, WeakPairsConnectComponents) {
@@ -82,7 +82,7 @@ TEST(SkeletalGraph, WeakPairsConnectComponents) {
 }
 
 // A frame that lost images can have more matches with an unrelated place than
-// with its neighbours. Only the neighbours have triplet support.
+// with its neighbors. Only the neighbors have triplet support.
 TEST(SkeletalGraph, ManyMatchesWithoutTripletSupportAreNotEnough) {
   const Scene scene = MakeScene(8);
   ViewGraph view_graph;
@@ -131,7 +131,7 @@ TEST(SkeletalGraph, ContainsNoUnusedPairs) {
 // Two stretches of a drive with one weak pair between them. Duplicate
 // structures of distant frames support each other by triplets and are much
 // stronger.
-TEST(SkeletalGraph, NeighboursInTimeDecideWeakCutsOfASequence) {
+TEST(SkeletalGraph, NeighborsInTimeDecideWeakCutsOfASequence) {
   const Scene scene = MakeScene(40);
   ViewGraph view_graph;
   const auto add_stretch = [&](int begin, int end) {

@@ -50,8 +50,7 @@ void Shuffle(Random* random, std::vector<int>::iterator begin,
 
 // Frames with these ranks in time share fewer matches the further they are
 // apart, and none from `range` ranks on.
-ViewGraph MatchNeighbours(const std::vector<int>& time_of_frame,
-                          int range = 6) {
+ViewGraph MatchNeighbors(const std::vector<int>& time_of_frame, int range = 6) {
   const int num_frames = static_cast<int>(time_of_frame.size());
   ViewGraph view_graph;
   for (int i = 0; i < num_frames; ++i) {
@@ -164,7 +163,7 @@ TEST(TemporalOrder, IsThatOfACameraPath) {
   for (int num_frames = 8; num_frames <= 140; num_frames += 12) {
     for (const int range : {3, 6, 2 * num_frames}) {
       const FramePairIndex index(MakeScene(Numbers(num_frames)),
-                                 MatchNeighbours(Iota(num_frames), range));
+                                 MatchNeighbors(Iota(num_frames), range));
       EXPECT_TRUE(index.is_sequence()) << num_frames << ' ' << range;
     }
   }
@@ -184,7 +183,7 @@ TEST(TemporalOrder, OneRandomOrderInAThousandIsTakenForASequence) {
         Shuffle(&random, times.begin(), times.end());
         ++num_orders;
         num_sequences +=
-            FramePairIndex(scene, MatchNeighbours(times, range)).is_sequence();
+            FramePairIndex(scene, MatchNeighbors(times, range)).is_sequence();
       }
     }
   }
@@ -201,14 +200,14 @@ TEST(TemporalOrder, UnorderedFoldersAreNoSequence) {
   }
   const Scene scene = MakeScene(names);
   std::vector<int> times = Iota(100);
-  EXPECT_TRUE(FramePairIndex(scene, MatchNeighbours(times, 40)).is_sequence());
+  EXPECT_TRUE(FramePairIndex(scene, MatchNeighbors(times, 40)).is_sequence());
   Random random(9);
   for (int k = 0; k < 20; ++k) {
     for (int i = 0; i < 100; i += 20) {
       Shuffle(&random, times.begin() + i, times.begin() + i + 20);
     }
     EXPECT_FALSE(
-        FramePairIndex(scene, MatchNeighbours(times, 40)).is_sequence());
+        FramePairIndex(scene, MatchNeighbors(times, 40)).is_sequence());
   }
 }
 
@@ -217,7 +216,7 @@ TEST(TemporalOrder, UnorderedFoldersAreNoSequence) {
 TEST(TemporalOrder, APathMayVisitPlacesAgain) {
   constexpr int kNumFrames = 60;
   const Scene scene = MakeScene(Numbers(kNumFrames));
-  ViewGraph view_graph = MatchNeighbours(Iota(kNumFrames));
+  ViewGraph view_graph = MatchNeighbors(Iota(kNumFrames));
   for (int i = 0; i < kNumFrames / 2; ++i) {
     ImagePair pair;
     pair.image_idx1 = i;

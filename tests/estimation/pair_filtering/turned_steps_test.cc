@@ -24,7 +24,7 @@ constexpr int kReach = 3;
 constexpr int kTurnedRank = 20;
 
 // The rig turns steadily. The frame of rank k in time has the index order[k].
-// Neighbours have exact pairs; the estimated rotations can be turned.
+// Neighbors have exact pairs; the estimated rotations can be turned.
 class TurningDrive {
  public:
   explicit TurningDrive(std::vector<int> order = InOrder(kDriveLength))

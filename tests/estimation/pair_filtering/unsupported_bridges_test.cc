@@ -94,7 +94,7 @@ TEST(UnsupportedBridges, AreTheOnlyConnection) {
   EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});
 }
 
-TEST(UnsupportedBridges, AreNotInChainsOfNeighbours) {
+TEST(UnsupportedBridges, AreNotInChainsOfNeighbors) {
   Graph graph(12);
   for (int f = 0; f + 1 < 12; ++f) graph.AddPair(f, f + 1, 40);
   graph.AddPair(2, 9, 60, false);
@@ -120,7 +120,7 @@ TEST(UnsupportedBridges, MustNotBeLoopsOfASequence) {
   EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{loop});
 }
 
-TEST(UnsupportedBridges, MayConnectNeighboursOfASequence) {
+TEST(UnsupportedBridges, MayConnectNeighborsOfASequence) {
   Graph graph(30);
   graph.AddPlace(0, 15);
   graph.AddPlace(15, 30);

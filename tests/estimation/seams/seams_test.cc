@@ -262,7 +262,7 @@ TEST(Seams, AreWhereNoPointCrosses) {
 }
 
 // Though many points cross the cut, the rig cannot have moved that way.
-TEST(Seams, AreWhereNeighboursJump) {
+TEST(Seams, AreWhereNeighborsJump) {
   Drive drive;
   drive.KeepCrossingPoints(80);
   drive.jumps = {{kFirstBeyond - 1, kFirstBeyond}};

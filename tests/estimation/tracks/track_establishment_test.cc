@@ -134,8 +134,8 @@ class BruteForce {
                             static_cast<int>(match.keypoint_idx1)};
         const Observation b{pair.image_idx2,
                             static_cast<int>(match.keypoint_idx2)};
-        neighbours_[a].insert(b);
-        neighbours_[b].insert(a);
+        neighbors_[a].insert(b);
+        neighbors_[b].insert(a);
         matches_.push_back({a, b, pair.matches.size()});
       }
     }
@@ -144,7 +144,7 @@ class BruteForce {
   size_t NumComponents() const {
     size_t num_components = 0;
     std::set<Observation> seen;
-    for (const auto& [start, unused] : neighbours_) {
+    for (const auto& [start, unused] : neighbors_) {
       if (seen.count(start) > 0) continue;
       std::set<Observation> component;
       std::vector<Observation> stack = {start};
@@ -152,7 +152,7 @@ class BruteForce {
         const Observation observation = stack.back();
         stack.pop_back();
         if (!component.insert(observation).second) continue;
-        for (const Observation& next : neighbours_.at(observation)) {
+        for (const Observation& next : neighbors_.at(observation)) {
           stack.push_back(next);
         }
       }
@@ -167,8 +167,8 @@ class BruteForce {
     std::map<Observation, std::set<Observation>> set_of;
     for (const auto& [a, b, num_pair_matches] : matches_) {
       long support = 0;
-      for (const Observation& c : neighbours_.at(a)) {
-        support += neighbours_.at(b).count(c);
+      for (const Observation& c : neighbors_.at(a)) {
+        support += neighbors_.at(b).count(c);
       }
       order.emplace_back(-support, -static_cast<long>(num_pair_matches), a, b);
       set_of[a] = {a};
@@ -193,7 +193,7 @@ class BruteForce {
   }
 
  private:
-  std::map<Observation, std::set<Observation>> neighbours_;
+  std::map<Observation, std::set<Observation>> neighbors_;
   std::vector<std::tuple<Observation, Observation, size_t>> matches_;
 };
 

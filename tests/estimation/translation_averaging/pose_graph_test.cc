@@ -27,7 +27,7 @@ constexpr int kNumFrames = 60;
 constexpr double kRadius = 20.0;
 constexpr double kDriftPerFrame_rad = DegToRad(0.1);
 
-// Two cameras on a circular drive, with exact pairs of neighbours and of the
+// Two cameras on a circular drive, with exact pairs of neighbors and of the
 // two ends. The rotations pitch a little more from frame to frame, and the
 // positions follow them: they leave the two ends apart. The frame of rank k on
 // the circle has the index order[k].
@@ -198,11 +198,11 @@ TEST(PoseGraphTest, FramesWithoutPairsTurnLikeTheFrameBefore) {
   EXPECT_LT(circle.MaxError(circle.Refine()), 0.2 * kRank * kDriftPerFrame_rad);
 }
 
-TEST(PoseGraphTest, CanBeCancelled) {
+TEST(PoseGraphTest, CanBeCanceled) {
   DriftingCircle circle(InOrder(kNumFrames));
   circle.AddPairs();
   Context context;
-  context.is_cancelled = [] { return true; };
+  context.is_canceled = [] { return true; };
   EXPECT_THROW((void)circle.Refine(context), Interrupted);
 }
 

@@ -55,7 +55,7 @@ TEST(Context, AsksWhetherToStop) {
   Context context;
   EXPECT_NO_THROW(context.CheckInterrupted());
   bool shall_stop = false;
-  context.is_cancelled = [&] { return shall_stop; };
+  context.is_canceled = [&] { return shall_stop; };
   EXPECT_NO_THROW(context.CheckInterrupted());
   EXPECT_NO_THROW(context.ReportProgress("pairs", 0, 9));
   shall_stop = true;

@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 const Rigid3 kPose{ExpSO3({0.4, -1.2, 0.3}), {3.0, -2.0, 5.0}};
 
 std::vector<Rigid3> OneCamera() { return {Rigid3()}; }
-// Three cameras with different centres and viewing directions.
+// Three cameras with different centers and viewing directions.
 std::vector<Rigid3> ThreeCameras() {
   return {Rigid3(),
           {ExpSO3({0.0, 1.2, 0.1}), {0.5, 0.1, -0.3}},
@@ -186,7 +186,7 @@ double MiddleOf(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-// Weighting by the variance halves the error of the centre, at least.
+// Weighting by the variance halves the error of the center, at least.
 TEST(AbsolutePose, UncertainDepthsHaveTheirWeights) {
   constexpr double kNoise_rad = 1.5e-3;
   Random random(7);

@@ -68,13 +68,13 @@ TEST(CameraModelDomain, PointsBeyondAFoldAreNotSeenAgain) {
   EXPECT_TRUE(Sees(CameraModelId::kFullOpenCV, pole, {1.4, 0, 1}));
   EXPECT_FALSE(Sees(CameraModelId::kFullOpenCV, pole, {1.5, 0, 1}));
   EXPECT_FALSE(Sees(CameraModelId::kFullOpenCV, pole, {10, 0, 1}));
-  // Decentring only: x - 0.3 x^2 has its maximum at x = 5 / 3.
-  const std::vector<double> decentred = {500, 500, 320, 240, 0, 0, 0, -0.1};
-  EXPECT_TRUE(Sees(CameraModelId::kOpenCV, decentred, {1.6, 0, 1}));
-  EXPECT_FALSE(Sees(CameraModelId::kOpenCV, decentred, {1.7, 0, 1}));
-  EXPECT_FALSE(Sees(CameraModelId::kOpenCV, decentred, {10, 0, 1}));
-  EXPECT_FALSE(
-      RayFromPixel(CameraModelId::kOpenCV, decentred.data(), {320 + 500, 240}));
+  // Decentering only: x - 0.3 x^2 has its maximum at x = 5 / 3.
+  const std::vector<double> decentered = {500, 500, 320, 240, 0, 0, 0, -0.1};
+  EXPECT_TRUE(Sees(CameraModelId::kOpenCV, decentered, {1.6, 0, 1}));
+  EXPECT_FALSE(Sees(CameraModelId::kOpenCV, decentered, {1.7, 0, 1}));
+  EXPECT_FALSE(Sees(CameraModelId::kOpenCV, decentered, {10, 0, 1}));
+  EXPECT_FALSE(RayFromPixel(CameraModelId::kOpenCV, decentered.data(),
+                            {320 + 500, 240}));
 }
 
 TEST(CameraModelDomain, DivisionAndEucm) {

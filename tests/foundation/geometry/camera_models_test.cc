@@ -50,12 +50,12 @@ TEST(CameraModelTable, IsTheOneOfTheFileFormat) {
   ASSERT_EQ(AllCameraModels().size(), std::size(kTable));
   for (const ModelRow& row : kTable) {
     SCOPED_TRACE(row.name);
-    std::vector<int> focal, centre, extra;
+    std::vector<int> focal, center, extra;
     std::istringstream names(row.params);
     int num_params = 0;
     for (std::string name; names >> name; ++num_params) {
       if (name[0] == 'f') focal.push_back(num_params);
-      if (name[0] == 'c') centre.push_back(num_params);
+      if (name[0] == 'c') center.push_back(num_params);
       if (std::string("kposab").find(name[0]) != std::string::npos) {
         extra.push_back(num_params);
       }
@@ -68,7 +68,7 @@ TEST(CameraModelTable, IsTheOneOfTheFileFormat) {
     EXPECT_EQ(info->num_params, num_params);
     EXPECT_LE(info->num_params, kMaxNumCameraParams);
     EXPECT_EQ(info->focal_length_idxs, focal);
-    EXPECT_EQ(info->principal_point_idxs, centre);
+    EXPECT_EQ(info->principal_point_idxs, center);
     EXPECT_EQ(info->extra_params_idxs, extra);
   }
 }
@@ -197,7 +197,7 @@ TEST_P(CameraModelTest, DoesNotFold) {
       *FindCameraModel(static_cast<int>(camera.model));
   const Vector2d focal(camera.params[info.focal_length_idxs.front()],
                        camera.params[info.focal_length_idxs.back()]);
-  const Vector2d centre(camera.params[info.principal_point_idxs[0]],
+  const Vector2d center(camera.params[info.principal_point_idxs[0]],
                         camera.params[info.principal_point_idxs[1]]);
   for (int direction = 0; direction < 36; ++direction) {
     const double azimuth = DegToRad(10.0 * direction);
@@ -214,18 +214,18 @@ TEST_P(CameraModelTest, DoesNotFold) {
         continue;
       }
       ASSERT_TRUE(seen) << "came back at " << deg;
-      const double outward = e.dot((*pixel - centre).cwiseQuotient(focal));
+      const double outward = e.dot((*pixel - center).cwiseQuotient(focal));
       ASSERT_GT(outward, last) << "folds at " << deg;
       last = outward;
     }
   }
 }
 
-TEST_P(CameraModelTest, SeesNothingAtItsCentre) {
+TEST_P(CameraModelTest, SeesNothingAtItsCenter) {
   EXPECT_FALSE(GetParam().Project(Vector3d::Zero()));
 }
 
-TEST_P(CameraModelTest, PixelsPerRadianAtTheCentre) {
+TEST_P(CameraModelTest, PixelsPerRadianAtTheCenter) {
   const TestCamera& camera = GetParam();
   // The unit of length of the FOV model is not the focal length.
   if (camera.label == "Fov") return;

@@ -151,7 +151,7 @@ TEST(EpipolarTest, PointsAtInfinityAreInFrontWithinTolerance) {
 }
 
 // To first order, the Sampson angle is the length of the smallest joint
-// correction, which the test computes by constrained minimisation.
+// correction, which the test computes by constrained minimization.
 TEST(EpipolarTest, SampsonAngleIsDistanceToNearestMatch) {
   Random random(5);
   for (int trial = 0; trial < 50; ++trial) {

@@ -8,7 +8,7 @@
 namespace mgsfm {
 namespace {
 
-TEST(EastNorthUp, HasMetresAlongItsAxes) {
+TEST(EastNorthUp, HasMetersAlongItsAxes) {
   const Eigen::Vector3d origin(49.0, 8.4, 110.0);
   EXPECT_LT(EastNorthUp(origin, origin).norm(), 1e-9);
   // A minute of latitude is a nautical mile; a minute of longitude is shorter

@@ -45,7 +45,7 @@ TEST_F(Rigid3Test, CompositionIsOneAfterTheOther) {
             1e-14);
 }
 
-TEST_F(Rigid3Test, CompositionStaysNormalised) {
+TEST_F(Rigid3Test, CompositionStaysNormalized) {
   Rigid3 pose;
   const Rigid3 step = RandomRigid();
   for (int i = 0; i < 10000; ++i) pose = step * pose;

@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-// A chain in which neighbours up to three apart are connected, the closer the
+// A chain in which neighbors up to three apart are connected, the closer the
 // stronger.
 std::vector<GraphEdge> Chain(int num_nodes, uint64_t seed = 0) {
   Random random(seed);

@@ -104,7 +104,7 @@ TEST(WalkForest, VisitsParentsFirst) {
   const std::vector<ForestStep> steps =
       WalkForest(6, edges, MaximumSpanningForest(6, edges));
   ASSERT_EQ(steps.size(), 6u);
-  EXPECT_EQ(steps[0].node, 1);  // most neighbours
+  EXPECT_EQ(steps[0].node, 1);  // most neighbors
   Mask visited(6, false);
   int num_roots = 0;
   for (const ForestStep& step : steps) {

@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-// Integral of the unnormalised chi density r^(k-1) exp(-r^2/2) by Simpson's
+// Integral of the unnormalized chi density r^(k-1) exp(-r^2/2) by Simpson's
 // rule.
 double IntegrateChiDensity(int dimension, double begin, double end) {
   constexpr int kNumIntervals = 20000;

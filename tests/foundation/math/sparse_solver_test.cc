@@ -104,7 +104,7 @@ TEST(SparseCholesky, ConditionTellsNearRankDeficiency) {
   }
 }
 
-// 6 x 6 blocks on a chain with twelve neighbours per node and loops: dense
+// 6 x 6 blocks on a chain with twelve neighbors per node and loops: dense
 // enough for supernodes, some of them with several panels.
 SparseMatrix MakeBlockMatrix(int num_nodes, int num_loops, Random* random) {
   constexpr int kSize = 6;
@@ -196,7 +196,7 @@ TEST(SparseCholesky, IsMovable) {
   EXPECT_TRUE(moved.Factorize(H));
 }
 
-// A square grid in which each node is connected to its eight neighbours.
+// A square grid in which each node is connected to its eight neighbors.
 SparseMatrix MakeGrid(int side) {
   std::vector<Eigen::Triplet<double>> triplets;
   for (int i = 0; i < side * side; ++i) {

@@ -83,7 +83,7 @@ TEST(IntrinsicsCheck, IntrinsicsOfAnotherSizeAreNamed) {
 }
 
 // r (1 - 0.5 r^2) has its maximum 0.54 at r = 0.82, so that no ray has pixels
-// beyond 0.54 f = 327 px from the centre; corners are at 400 px.
+// beyond 0.54 f = 327 px from the center; corners are at 400 px.
 TEST(IntrinsicsCheck, CornersWithoutRayAreADoubt) {
   const auto problem =
       FindIntrinsicsProblem(MakeCamera("SIMPLE_RADIAL", {600, 320, 240, -0.5}));

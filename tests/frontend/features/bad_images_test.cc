@@ -238,7 +238,7 @@ TEST_F(BadImagesTest, NoFeatures) {
   EXPECT_EQ(Extract().num_present, 2u);
 }
 
-// Bit depth and colour do not change the features.
+// Bit depth and color do not change the features.
 TEST_F(BadImagesTest, ReadsSixteenBitAndColorImages) {
   GrayImage gray = RenderBlobs(RandomBlobs(80, 120, 90, 1), 120, 90);
   gray(0, 0) = 255;  // the brightest
@@ -252,18 +252,18 @@ TEST_F(BadImagesTest, ReadsSixteenBitAndColorImages) {
   // 12 bits in 16, as of many industrial cameras.
   image.convertTo(deep, CV_16U, 16.0);
   WriteImage("twelve.png", deep);
-  cv::Mat colour;
-  cv::merge(std::vector<cv::Mat>{image, image, image}, colour);
-  WriteImage("colour.png", colour);
-  cv::merge(std::vector<cv::Mat>{image, image, image, image}, colour);
-  WriteImage("transparent.png", colour);
+  cv::Mat color;
+  cv::merge(std::vector<cv::Mat>{image, image, image}, color);
+  WriteImage("color.png", color);
+  cv::merge(std::vector<cv::Mat>{image, image, image, image}, color);
+  WriteImage("transparent.png", color);
   WriteTextFile(ImagePath("cmyk.tif"), CmykTiff(gray));
   Extract();
   EXPECT_TRUE(warnings_.empty()) << testing::PrintToString(warnings_);
   const auto images = Images();
   const size_t num = images.at("good.png").keypoints.size();
-  for (const char* name : {"deep.png", "deep.tif", "twelve.png", "colour.png",
-                           "transparent.png"}) {
+  for (const char* name :
+       {"deep.png", "deep.tif", "twelve.png", "color.png", "transparent.png"}) {
     EXPECT_EQ(images.at(name).descriptors, images.at("good.png").descriptors)
         << name;
   }

@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// Gaussian blobs on grey: an analytic image that can be drawn rotated and
+// Gaussian blobs on gray: an analytic image that can be drawn rotated and
 // scaled without resampling.
 struct Blob {
   Eigen::Vector2d center;
@@ -49,7 +49,7 @@ inline std::vector<Blob> RandomBlobs(int num, int width, int height,
   return blobs;
 }
 
-// The centre of the first pixel is (0.5, 0.5).
+// The center of the first pixel is (0.5, 0.5).
 inline GrayImage RenderBlobs(const std::vector<Blob>& blobs, int width,
                              int height,
                              const Similarity& image_from_plane = {}) {

@@ -321,12 +321,12 @@ TEST_F(FeatureExtractionTest, ResumesAfterAnInterruption) {
                i);
   }
   Extract({}, "whole.db");
-  bool is_cancelled = false;
+  bool is_canceled = false;
   Context context;
   context.progress = [&](const Progress& progress) {
-    is_cancelled = progress.done > 0;
+    is_canceled = progress.done > 0;
   };
-  context.is_cancelled = [&] { return is_cancelled; };
+  context.is_canceled = [&] { return is_canceled; };
   EXPECT_THROW(ExtractWith(context, {}, "parts.db"), Interrupted);
   const size_t num_done = Images("parts.db").size();
   EXPECT_GT(num_done, 0u);

@@ -58,7 +58,7 @@ Neighbor FindNeighbor(const Features& a, int i, const Features& b) {
   return neighbor;
 }
 
-// Mutual nearest neighbours that pass the ratio test.
+// Mutual nearest neighbors that pass the ratio test.
 std::vector<std::pair<int, int>> MatchFeatures(const Features& a,
                                                const Features& b) {
   std::vector<std::pair<int, int>> matches;
@@ -148,7 +148,7 @@ class SiftTest : public testing::Test {
   const Features features_ = ExtractSift(image_, {});
 };
 
-TEST_F(SiftTest, DescriptorsAreRootNormalised) {
+TEST_F(SiftTest, DescriptorsAreRootNormalized) {
   ASSERT_GT(features_.keypoints.size(), 100u);
   ASSERT_EQ(features_.descriptors.rows(),
             static_cast<Eigen::Index>(features_.keypoints.size()));

@@ -68,7 +68,7 @@ cv::Mat PaintPanorama() {
   return image;
 }
 
-// Random grey values, so that shifts do not go unnoticed.
+// Random gray values, so that shifts do not go unnoticed.
 cv::Mat Noise(int width_px, int height_px) {
   cv::Mat image(height_px, width_px, CV_8U);
   cv::theRNG().state = 5;
@@ -254,7 +254,7 @@ TEST_F(ImageSplittingTest, KnownPosesOfPanoramasReachTheirViews) {
     const Rigid3 of_b = pose_of("b_" + view + "/").value();
     EXPECT_LT(AngleBetween(of_b.rotation, (of_a * a_from_b.Inverse()).rotation),
               1e-12);
-    // The centre of b, in the axes of a.
+    // The center of b, in the axes of a.
     EXPECT_LT((of_b.Center() - a_from_b.translation).norm(), 1e-12);
     EXPECT_FALSE(pose_of("c_" + view + "/").has_value());
   }

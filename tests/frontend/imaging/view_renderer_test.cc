@@ -93,7 +93,7 @@ TEST(ViewRenderer, ReducedViewsShowTheSameDirections) {
   ExpectViewsShowDirections(Fisheye180(), options);
 }
 
-// A pattern that is too fine for the reduced view becomes grey, not coarse.
+// A pattern that is too fine for the reduced view becomes gray, not coarse.
 TEST(ViewRenderer, ReductionAverages) {
   const Camera camera =
       MakeCamera(CameraModelId::kPinhole, 400, 400, {300, 300, 200, 200});

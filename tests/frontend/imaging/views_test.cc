@@ -28,7 +28,7 @@ Vector3d RayOf(const Camera& camera, const Vector2d& pixel) {
   return *RayFromPixel(camera.model, camera.params.data(), pixel);
 }
 
-// All pixel centres of the original up to an angle to its axis are in a view,
+// All pixel centers of the original up to an angle to its axis are in a view,
 // at the place that the definition of a pinhole camera gives for their rays.
 void ExpectNothingLost(const Camera& camera, const std::vector<View>& views,
                        double max_angle_deg) {
@@ -136,7 +136,7 @@ TEST(Views, RectilinearWideAngleLensStaysOneImage) {
   EXPECT_TRUE(IsUnchanged(camera, views));
 }
 
-TEST(Views, SizeIsLimitedAndPrincipalPointCentred) {
+TEST(Views, SizeIsLimitedAndPrincipalPointCentered) {
   ViewOptions options;
   options.max_image_size = 300;
   options.center_principal_point = true;

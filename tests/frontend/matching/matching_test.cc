@@ -139,7 +139,7 @@ TEST_F(MatchingTest, InterruptedRunResumes) {
   FeatureDatabase database = MakeDatabase("a.db", 12);
   std::atomic<int> num_calls{0};
   Context context;
-  context.is_cancelled = [&] { return ++num_calls > 100; };
+  context.is_canceled = [&] { return ++num_calls > 100; };
   EXPECT_THROW(MatchAll(&database, context), Interrupted);
   const size_t num_done = database.CountInlierMatches().size();
   EXPECT_GT(num_done, 0u);
@@ -228,7 +228,7 @@ TEST_F(MatchingTest, KnownRigIsVerifiedJointly) {
   };
   std::atomic<int> num_calls{0};
   Context interrupted;
-  interrupted.is_cancelled = [&] { return ++num_calls > 100; };
+  interrupted.is_canceled = [&] { return ++num_calls > 100; };
   EXPECT_THROW(match(interrupted), Interrupted);
   match({});
   const auto together = ReadGeometries(known);
@@ -308,7 +308,7 @@ TEST_F(MatchingTest, SpatialUsesPositions) {
   }
   options.max_distance = 15.0;
   const auto summary = MatchSpatially(&database, scene, options, {}, {});
-  // 6 frames with both images, 5 pairs of neighbours with four pairs each.
+  // 6 frames with both images, 5 pairs of neighbors with four pairs each.
   EXPECT_EQ(summary.num_pairs, 6u + 5u * 4u);
 }
 

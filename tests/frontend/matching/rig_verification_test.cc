@@ -14,7 +14,7 @@
 namespace mgsfm {
 namespace {
 
-// Rig motion between two frames, in metres.
+// Rig motion between two frames, in meters.
 const Rigid3 kMotion{ExpSO3({0.01, -0.06, 0.01}), {0.1, 0.02, -1.4}};
 
 // A pair of images of one or two cameras.

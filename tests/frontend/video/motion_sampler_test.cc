@@ -39,8 +39,8 @@ std::vector<int> Sample(const std::vector<cv::Mat>& views) {
   return sampler.Finish();
 }
 
-// Neighbours are min_motion to 1.5 min_motion apart, up to rounding to pixels.
-TEST(MotionSamplerTest, NeighboursHaveTheRequestedMotion) {
+// Neighbors are min_motion to 1.5 min_motion apart, up to rounding to pixels.
+TEST(MotionSamplerTest, NeighborsHaveTheRequestedMotion) {
   const cv::Mat wall = Wall();
   std::vector<cv::Mat> views;
   for (int i = 0; i < 80; ++i) views.push_back(ViewAt(wall, 3.0 * i));

@@ -18,7 +18,7 @@
 //                             of that radius: the symmetric part of the
 //                             Jacobian is positive definite on the whole disc
 //   Undistort(k, m, max)      the preimage of m in the injective region, closer
-//                             than max to the centre
+//                             than max to the center
 namespace mgsfm::internal {
 
 template <int N>
@@ -100,7 +100,7 @@ struct RadialDistortion {
   }
 };
 
-// Non-radial offsets: 2 (q.m) m + r^2 q (decentring) and r^2 s + r^4 w (thin
+// Non-radial offsets: 2 (q.m) m + r^2 q (decentering) and r^2 s + r^4 w (thin
 // prism).
 struct LateralTerms {
   Eigen::Vector2d q;

@@ -16,9 +16,9 @@ namespace mgsfm::internal {
 template <class Lens, int kNumFocals_>
 struct FocalModel {
   static constexpr int kNumFocals = kNumFocals_;
-  static constexpr int kNumCentres = 2;
+  static constexpr int kNumCenters = 2;
   static constexpr int kNumExtra = Lens::kNumParams;
-  static constexpr int kNumParams = kNumFocals + kNumCentres + kNumExtra;
+  static constexpr int kNumParams = kNumFocals + kNumCenters + kNumExtra;
 
   static std::optional<Eigen::Vector2d> Project(
       const double* params, const Eigen::Vector3d& point,
@@ -42,13 +42,13 @@ struct FocalModel {
       jacobian_params->template rightCols<kNumExtra>() =
           f.asDiagonal() * of_lens.params;
     }
-    return Eigen::Vector2d(f.cwiseProduct(*m) + Centre(params));
+    return Eigen::Vector2d(f.cwiseProduct(*m) + Center(params));
   }
 
   static std::optional<Eigen::Vector3d> Unproject(
       const double* params, const Eigen::Vector2d& pixel) {
     const Eigen::Vector2d m =
-        (pixel - Centre(params)).cwiseQuotient(Focal(params));
+        (pixel - Center(params)).cwiseQuotient(Focal(params));
     if (!m.allFinite()) return std::nullopt;
     return Lens::Unproject(Extra(params), m);
   }
@@ -61,11 +61,11 @@ struct FocalModel {
   static Eigen::Vector2d Focal(const double* params) {
     return {params[0], params[kNumFocals - 1]};
   }
-  static Eigen::Vector2d Centre(const double* params) {
+  static Eigen::Vector2d Center(const double* params) {
     return {params[kNumFocals], params[kNumFocals + 1]};
   }
   static const double* Extra(const double* params) {
-    return params + kNumFocals + kNumCentres;
+    return params + kNumFocals + kNumCenters;
   }
 };
 
@@ -74,7 +74,7 @@ struct FocalModel {
 // plane. The poles, where u is undefined, are outside the domain.
 struct EquirectangularModel {
   static constexpr int kNumFocals = 0;
-  static constexpr int kNumCentres = 0;
+  static constexpr int kNumCenters = 0;
   static constexpr int kNumExtra = 0;
   static constexpr int kNumParams = 2;
 

@@ -84,7 +84,7 @@ TexturedBox& Planner::Block(double x, double y, double z, double length,
   return plan_.boxes.back();
 }
 
-// Walls around a centre on the floor; the floor is included.
+// Walls around a center on the floor; the floor is included.
 void Planner::Room(double x, double y, double z, double length, double width,
                    double height) {
   const double t = 2.0 * kWall_m, middle = z + 0.5 * height;
@@ -468,7 +468,7 @@ void Planner::Train() {
        0.35);
 }
 
-// Scenery some hundred metres away, seen from a jib that slews to and fro.
+// Scenery some hundred meters away, seen from a jib that slews to and fro.
 void Planner::Crane() {
   density_ = 0.03;
   reach_m_ = 900.0;

@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/fixed_regions.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
+#include "mgsfm/geometry/camera_models.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kNumColumns = FixedRegions::kNumColumns;
+constexpr int kNumRows = FixedRegions::kNumRows;
+// The rig turns if a point at infinity moves by this many tolerances of a
+// match.
+constexpr double kMinTurnInTolerances = 4.0;
+// The lower bound of the share of votes, at 2.33 standard deviations (99 %). A
+// vehicle that accompanies the rig for two thirds of a recording has less.
+constexpr double kMinShare = 0.75;
+constexpr double kNumSigmas = 2.33;
+
+int CellOf(const Camera& camera, const Eigen::Vector2f& keypoint_px) {
+  const auto index = [](double value, double size, int num) {
+    return std::clamp(static_cast<int>(value / size * num), 0, num - 1);
+  };
+  return index(keypoint_px.y(), camera.height_px, kNumRows) * kNumColumns +
+         index(keypoint_px.x(), camera.width_px, kNumColumns);
+}
+
+const Camera& CameraOf(const Scene& scene, int image_idx) {
+  return scene.cameras[scene.images[image_idx].camera_idx];
+}
+
+bool IsOfOneSensor(const Scene& scene, const ImagePair& pair) {
+  return scene.images[pair.image_idx1].sensor_idx ==
+         scene.images[pair.image_idx2].sensor_idx;
+}
+
+double ToleranceRad(const Scene& scene, const ImagePair& pair,
+                    double max_error_px) {
+  const Camera& camera = CameraOf(scene, pair.image_idx1);
+  return max_error_px / PixelsPerRadian(camera.model, camera.params.data());
+}
+
+// Per pair of frames: whether a pair of images of one sensor turns.
+Mask FindTurning(const Scene& scene, const FramePairIndex& index,
+                 const ViewGraph& view_graph, double max_error_px) {
+  Mask turns(index.frame_pairs().size(), false);
+  for (size_t f = 0; f < turns.size(); ++f) {
+    if (!index.frame_pairs()[f].IsBetweenFrames()) continue;
+    for (const size_t i : index.frame_pairs()[f].pair_idxs) {
+      const ImagePair& pair = view_graph.pairs[i];
+      if (!pair.relative_pose || !IsOfOneSensor(scene, pair)) continue;
+      turns[f] = turns[f] || AngleBetween(pair.relative_pose->cam2_from_cam1,
+                                          Eigen::Quaterniond::Identity()) >
+                                 kMinTurnInTolerances *
+                                     ToleranceRad(scene, pair, max_error_px);
+    }
+  }
+  return turns;
+}
+
+// The frames next to one in its sequence, and itself.
+std::vector<int> Neighbors(const FramePairIndex& index, int frame_idx) {
+  if (!index.is_sequence()) return {frame_idx};
+  std::vector<int> frames = index.order()->Neighbors(frame_idx);
+  frames.push_back(frame_idx);
+  return frames;
+}
+
+// Whether the rig turns between two frames, by their pairs or by those of one
+// of them with a frame next to the other.
+bool Turns(const FramePairIndex& index, const Mask& turns,
+           const FramePairIndex::FramePair& frames) {
+  const auto do_turn = [&](int frame_idx1, int frame_idx2) {
+    const auto* found = index.Find(frame_idx1, frame_idx2);
+    return found != nullptr && turns[found - index.frame_pairs().data()];
+  };
+  const std::vector<int> near1 = Neighbors(index, frames.frame_idx1);
+  const std::vector<int> near2 = Neighbors(index, frames.frame_idx2);
+  return std::any_of(near1.begin(), near1.end(),
+                     [&](int a) { return do_turn(a, frames.frame_idx2); }) ||
+         std::any_of(near2.begin(), near2.end(),
+                     [&](int b) { return do_turn(frames.frame_idx1, b); });
+}
+
+// Adds the vote of a pair to those of each cell of its sensor.
+struct Votes {
+  std::vector<int> num_fixed = std::vector<int>(kNumColumns * kNumRows, 0);
+  std::vector<int> num_all = num_fixed;
+
+  void Add(const Scene& scene, const Bearings& bearings, const ImagePair& pair,
+           double max_error_px) {
+    const double tolerance_rad = ToleranceRad(scene, pair, max_error_px);
+    std::vector<int> balance(num_all.size(), 0);
+    for (const Match& match : pair.matches) {
+      const auto k1 = static_cast<int>(match.keypoint_idx1);
+      const auto k2 = static_cast<int>(match.keypoint_idx2);
+      if (!bearings.HasRay(pair.image_idx1, k1) ||
+          !bearings.HasRay(pair.image_idx2, k2)) {
+        continue;
+      }
+      const int change =
+          IsRotationInlier(Eigen::Quaterniond::Identity(),
+                           bearings.Ray(pair.image_idx1, k1),
+                           bearings.Ray(pair.image_idx2, k2), tolerance_rad)
+              ? 1
+              : -1;
+      balance[CellOf(CameraOf(scene, pair.image_idx1),
+                     scene.images[pair.image_idx1].keypoints_px[k1])] += change;
+      balance[CellOf(CameraOf(scene, pair.image_idx2),
+                     scene.images[pair.image_idx2].keypoints_px[k2])] += change;
+    }
+    for (size_t c = 0; c < balance.size(); ++c) {
+      num_fixed[c] += balance[c] > 0;
+      num_all[c] += balance[c] != 0;
+    }
+  }
+};
+
+// Wilson's lower bound of a share.
+double LowerBound(int num_for, int num_votes) {
+  const double n = num_votes, z2 = kNumSigmas * kNumSigmas;
+  const double share = num_for / n;
+  return (share + z2 / (2.0 * n) -
+          kNumSigmas *
+              std::sqrt((share * (1.0 - share) + z2 / (4.0 * n)) / n)) /
+         (1.0 + z2 / n);
+}
+
+Mask FixedCells(const Votes& votes) {
+  Mask is_fixed(votes.num_all.size(), false);
+  for (size_t c = 0; c < is_fixed.size(); ++c) {
+    is_fixed[c] = votes.num_all[c] > 0 &&
+                  LowerBound(votes.num_fixed[c], votes.num_all[c]) > kMinShare;
+  }
+  return is_fixed.Any() ? is_fixed : Mask();
+}
+
+}  // namespace
+
+bool FixedRegions::Contains(const Scene& scene, int image_idx,
+                            size_t keypoint_idx) const {
+  const Image& image = scene.images[image_idx];
+  const Mask& is_fixed = of_sensor[image.sensor_idx];
+  return !is_fixed.empty() &&
+         is_fixed[CellOf(CameraOf(scene, image_idx),
+                         image.keypoints_px[keypoint_idx])];
+}
+
+double FixedRegions::FractionOf(int sensor_idx) const {
+  const Mask& is_fixed = of_sensor[sensor_idx];
+  return is_fixed.empty() ? 0.0
+                          : static_cast<double>(is_fixed.Count()) /
+                                static_cast<double>(is_fixed.size());
+}
+
+bool FixedRegions::Any() const {
+  return std::any_of(of_sensor.begin(), of_sensor.end(),
+                     [](const Mask& cells) { return !cells.empty(); });
+}
+
+FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
+                              const FramePairIndex& index,
+                              const ViewGraph& view_graph,
+                              double max_error_px) {
+  const Mask turns = FindTurning(scene, index, view_graph, max_error_px);
+  std::vector<Votes> votes(scene.sensors.size());
+  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+    if (!frames.IsBetweenFrames() || !Turns(index, turns, frames)) continue;
+    for (const size_t i : frames.pair_idxs) {
+      const ImagePair& pair = view_graph.pairs[i];
+      if (!IsOfOneSensor(scene, pair)) continue;
+      votes[scene.images[pair.image_idx1].sensor_idx].Add(scene, bearings, pair,
+                                                          max_error_px);
+    }
+  }
+  FixedRegions regions;
+  for (const Votes& of_sensor : votes) {
+    regions.of_sensor.push_back(FixedCells(of_sensor));
+  }
+  return regions;
+}
+
+ViewGraph DropFixedRegions(const Scene& scene, const FixedRegions& regions,
+                           const ViewGraph& view_graph,
+                           const Context& context) {
+  ViewGraph visible = view_graph;
+  size_t num_dropped = 0;
+  for (ImagePair& pair : visible.pairs) {
+    const auto is_fixed = [&](const Match& match) {
+      return regions.Contains(scene, pair.image_idx1, match.keypoint_idx1) ||
+             regions.Contains(scene, pair.image_idx2, match.keypoint_idx2);
+    };
+    const auto end =
+        std::remove_if(pair.matches.begin(), pair.matches.end(), is_fixed);
+    num_dropped += static_cast<size_t>(pair.matches.end() - end);
+    pair.matches.erase(end, pair.matches.end());
+  }
+  if (num_dropped == 0) return visible;
+  for (size_t s = 0; s < scene.sensors.size(); ++s) {
+    const double fraction = regions.FractionOf(static_cast<int>(s));
+    if (fraction == 0.0) continue;
+    char percent[16];
+    std::snprintf(percent, sizeof(percent), "%.0f %%", 100.0 * fraction);
+    context.Info("camera '" + scene.sensors[s].name + "': " + percent +
+                 " of its images shows objects that move along with the rig");
+  }
+  context.Info(std::to_string(num_dropped) +
+               " matches of objects that move along with the rig are not "
+               "used; fixed_region_mask_path writes masks of "
+               "these regions");
+  return visible;
+}
+
+}  // namespace mgsfm

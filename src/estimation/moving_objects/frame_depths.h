@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "moving_objects/rig_motions.h"
+#include "pair_filtering/frame_pair_index.h"
+
+namespace mgsfm {
+
+// The places of the sensors in their rig, and the depths of keypoints that
+// match within frames, in an arbitrary unit of length.
+//
+// The direction t of the baseline of two sensors is the same in all frames, so
+// that all their matches determine it together (geometry/epipolar.h),
+//
+//   min_t sum_m rho(r_m(R, t)),  |t| = 1,
+//
+// with the averaged rotation R, which also rests on pairs between frames. The
+// matches of a narrow overlap would determine only combinations of both. The
+// scale of the loss rho follows from the residuals. Common keypoints
+// relate the lengths of the baselines
+// (translation_averaging/scale_averaging.h). Sensors are placed along the
+// spanning tree of the most certain directions; the origin of a rig is one of
+// them. Sensors without a baseline to the others have no place. `noise_px` is
+// the standard deviation of keypoints, from which those of the distances
+// follow. Cost: linear in the matches within frames; parallel over pairs of
+// sensors.
+[[nodiscard]] FrameDepths MeasureFrameDepths(
+    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
+    const ViewGraph& view_graph, const RotationEstimate& rotations,
+    double min_parallax_deg, double noise_px, const Context& context);
+
+// The length L of the baseline of a pair of images of two frames, by keypoints
+// with known distances d. A ray f of the first image is parallel to R f in the
+// second one, and moves towards the direction t of the baseline by the parallax
+// L s / d, with the sine s of the angle between R f and t,
+//
+//   min_L sum |p - L s / d|.
+//
+// Parallaxes p may be negative, so that L of a rig that stands differs from
+// zero by noise only. nullopt without any. Cost: O(n log n) for n matches.
+struct BaselineLength {
+  double value = 0.0;
+  double sigma = 0.0;
+
+  // At a false alarm rate of 1e-3.
+  bool IsSignificant() const { return value > 3.1 * sigma; }
+};
+[[nodiscard]] std::optional<BaselineLength> MeasureBaselineLength(
+    const Scene& scene, const Bearings& bearings, const ImagePair& pair,
+    double noise_px, const FrameDepths& depths);
+
+}  // namespace mgsfm

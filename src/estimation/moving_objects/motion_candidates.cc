@@ -1,0 +1,563 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/motion_candidates.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "geometry/so3.h"
+#include "math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// The thresholds of this file at half and twice their values are compared in
+// docs/results/constants.md.
+//
+// The speed changes by this share of the larger one per step: a car that brakes
+// hard from 14 m/s loses 0.1 of its speed in 0.3 s.
+constexpr double kRelativeChange = 0.1;
+// It also changes by this share of the median speed per step, so that a rig can
+// stop at walking pace.
+constexpr double kMinChange = 0.03;
+// Change of the angular velocity, per step, in addition to the typical one of
+// the recording: the tolerance of agreement, so that errors are no changes.
+constexpr double kMinTurnChange_rad = DegToRad(1.0);
+// The longest distance to try is twice this quantile of the measured distances:
+// objects that stay at a constant distance may be most, and a few are
+// mismatches.
+constexpr double kLongQuantile = 0.9;
+// Bounds the cost where most measured distances are zero.
+constexpr double kMaxNumDistances = 200.0;
+// A rival goes on in a neighboring step within 95 % of the changes.
+constexpr double kMaxSquaredChange = 6.0;
+// Motions agree within kRelativeTolerance, this share of the median step, and
+// this angle.
+constexpr double kMinTolerance = 0.04;
+constexpr double kMaxAngle_rad = DegToRad(1.0);
+// 99 % of the differences of two measurements of one vector of three normal
+// components are shorter, in standard deviations of a component.
+constexpr double kNumSigmas = 3.37;
+// The lower quartile and the median of the lengths of such vectors. The
+// quartile bears objects in up to three quarters of the steps.
+constexpr double kQuartileOfNorm = 1.10;
+constexpr double kMedianOfNorm = 1.54;
+
+// The standard deviation of a component of vectors, by their lengths.
+double SigmaOfNorms(std::vector<double> norms) {
+  return norms.empty() ? 0.0
+                       : Quantile(std::move(norms), 0.25) / kQuartileOfNorm;
+}
+
+// The hypotheses of a step with a distance, or those without one, by descending
+// share.
+StepHypotheses SortedByShare(const StepHypotheses& step, bool has_distance) {
+  StepHypotheses sorted;
+  for (const MotionHypothesis& h : step) {
+    if (h.free_direction.has_value() != has_distance) sorted.push_back(h);
+  }
+  std::stable_sort(
+      sorted.begin(), sorted.end(),
+      [](const auto& a, const auto& b) { return a.share > b.share; });
+  return sorted;
+}
+
+// The length of a difference beyond the noise of its measurement.
+double Excess(const Vector3d& difference, const Matrix3d& covariance) {
+  return std::sqrt(
+      std::max(0.0, difference.squaredNorm() - covariance.trace()));
+}
+
+// The difference of two measurements of one motion, with its covariances.
+struct MotionDifference {
+  Vector3d rotation_rad, center;
+  Matrix3d rotation_covariance, center_covariance;
+};
+
+MotionDifference DifferenceOf(const MeasuredMotion& a,
+                              const MeasuredMotion& b) {
+  return {LogSO3(a.later_from_earlier.rotation *
+                 b.later_from_earlier.rotation.conjugate()),
+          a.later_from_earlier.Center() - b.later_from_earlier.Center(),
+          a.rotation_covariance + b.rotation_covariance,
+          a.center_covariance + b.center_covariance};
+}
+
+// Differences of two measurements of each step, beyond their own noise.
+struct Disagreement {
+  std::vector<double> angles_rad, relative_errors;
+
+  void Add(const MotionHypothesis& free, const MeasuredMotion& motion,
+           double min_length) {
+    const Vector3d center = motion.later_from_earlier.Center();
+    const MotionDifference difference =
+        DifferenceOf(free.ClosestTo(center), motion);
+    angles_rad.push_back(
+        Excess(difference.rotation_rad, difference.rotation_covariance));
+    if (center.norm() < min_length) return;
+    relative_errors.push_back(
+        Excess(difference.center, difference.center_covariance) /
+        center.norm());
+  }
+};
+
+MeasuredMotion MeasuredMotionOf(const MotionHypothesis& h) {
+  return h.ClosestTo(h.later_from_earlier.Center());
+}
+
+// The hypothesis with the rotation closest to that of another.
+const MotionHypothesis& ClosestRotation(const StepHypotheses& step,
+                                        const MotionHypothesis& other) {
+  const auto angle = [&](const MotionHypothesis& h) {
+    return AngleBetween(h.later_from_earlier.rotation,
+                        other.later_from_earlier.rotation);
+  };
+  return *std::min_element(
+      step.begin(), step.end(),
+      [&](const auto& a, const auto& b) { return angle(a) < angle(b); });
+}
+
+// How much hypotheses of one motion from different sources differ: the
+// strongest image pair from the closest motion with depth and from the next
+// image pair, whichever differs more.
+void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
+                         MotionNoise* noise) {
+  Disagreement of_depths, of_pairs;
+  const double min_length = kMinTolerance * noise->median_step;
+  for (const StepHypotheses& step : measured) {
+    const StepHypotheses by_depth = SortedByShare(step, true);
+    const StepHypotheses free = SortedByShare(step, false);
+    if (!by_depth.empty() && !free.empty()) {
+      of_depths.Add(free[0],
+                    MeasuredMotionOf(ClosestRotation(by_depth, free[0])),
+                    min_length);
+    }
+    if (free.size() > 1) {
+      of_pairs.Add(free[1],
+                   free[0].ClosestTo(ForwardStep(free[0], noise->median_step)),
+                   min_length);
+    }
+  }
+  noise->rotation_rad = std::max(SigmaOfNorms(std::move(of_depths.angles_rad)),
+                                 SigmaOfNorms(std::move(of_pairs.angles_rad)));
+  noise->relative_center =
+      std::max(SigmaOfNorms(std::move(of_depths.relative_errors)),
+               SigmaOfNorms(std::move(of_pairs.relative_errors)));
+}
+
+// How much the strongest motions of consecutive steps differ.
+void MeasureChanges(const std::vector<StepHypotheses>& measured,
+                    const std::vector<double>& durations, MotionNoise* noise) {
+  std::vector<double> linear, angular_rad;
+  std::optional<Velocity> before;
+  for (size_t k = 0; k < measured.size(); ++k) {
+    const StepHypotheses by_depth = SortedByShare(measured[k], true);
+    if (by_depth.empty()) {
+      before.reset();
+      continue;
+    }
+    const Velocity velocity =
+        VelocityOf(MeasuredMotionOf(by_depth[0]), durations[k]);
+    if (before) {
+      linear.push_back(
+          Excess(velocity.linear - before->linear,
+                 velocity.linear_covariance + before->linear_covariance));
+      angular_rad.push_back(
+          Excess(velocity.angular_rad - before->angular_rad,
+                 velocity.angular_covariance + before->angular_covariance));
+    }
+    before = velocity;
+  }
+  if (linear.empty()) return;
+  noise->linear_change = Median(std::move(linear)) / kMedianOfNorm;
+  noise->turn_change_rad = Median(std::move(angular_rad)) / kMedianOfNorm;
+}
+
+std::vector<double> MeasuredLengths(const std::vector<StepHypotheses>& steps) {
+  std::vector<double> lengths;
+  for (const StepHypotheses& step : steps) {
+    for (const MotionHypothesis& h : step) {
+      if (h.free_direction) continue;
+      lengths.push_back(h.later_from_earlier.translation.norm());
+    }
+  }
+  return lengths;
+}
+
+// A pair without parallax.
+bool IsStill(const MotionHypothesis& hypothesis) {
+  return hypothesis.free_direction && hypothesis.free_direction->isZero(0.0);
+}
+
+// Whether a free hypothesis agrees with one with a distance. If it has
+// parallax, it supports only distances that differ from zero significantly.
+bool SupportsDistance(const MotionHypothesis& free,
+                      const MeasuredMotion& motion, const MotionNoise& noise) {
+  const Vector3d center = motion.later_from_earlier.Center();
+  MotionNoise of_kind = noise;
+  if (!IsStill(free)) {
+    of_kind.median_step = 0.0;
+    if (center.squaredNorm() <=
+        kNumSigmas * kNumSigmas *
+            VarianceAlong(motion.center_covariance, center)) {
+      return false;
+    }
+  }
+  return AreEqualMotions(free.ClosestTo(center), motion, of_kind);
+}
+
+// Adds a hypothesis to a group that it agrees with.
+void Join(const MotionHypothesis& h, Candidate* group) {
+  const double weight = h.share / (group->share + h.share);
+  const auto covariance_of_mean = [&](const Matrix3d& a, const Matrix3d& b) {
+    return Matrix3d((1.0 - weight) * (1.0 - weight) * a + weight * weight * b);
+  };
+  group->rotation_covariance =
+      covariance_of_mean(group->rotation_covariance, h.rotation_covariance);
+  const auto mean = [&](const Vector3d& a, const Vector3d& b) -> Vector3d {
+    return (1.0 - weight) * a + weight * b;
+  };
+  const Rigid3& motion = group->later_from_earlier;
+  const Eigen::Quaterniond difference =
+      h.later_from_earlier.rotation * motion.rotation.conjugate();
+  group->later_from_earlier = Rigid3::FromRotationAndCenter(
+      (ExpSO3(weight * LogSO3(difference)) * motion.rotation).normalized(),
+      mean(motion.Center(), h.later_from_earlier.Center()));
+  if (!IsStill(*group) && !IsStill(h)) {
+    group->free_direction =
+        mean(*group->free_direction, *h.free_direction).normalized();
+    group->center_covariance =
+        covariance_of_mean(group->center_covariance, h.center_covariance);
+  }
+  group->share += h.share;
+  group->own_share += h.share;
+}
+
+// Compares the points of all motions by depth.
+void MeasureNearness(const MotionNoise& noise,
+                     std::vector<Candidate>* by_depth) {
+  for (Candidate& candidate : *by_depth) {
+    for (const Candidate& rival : *by_depth) {
+      if (!candidate.reach || !rival.reach ||
+          rival.own_share < kContestingShare ||
+          AreEqualMotions(MeasuredMotionOf(candidate), MeasuredMotionOf(rival),
+                          noise)) {
+        continue;
+      }
+      candidate.nearness = std::max(candidate.nearness,
+                                    std::log(*rival.reach / *candidate.reach));
+    }
+  }
+}
+
+// The free hypotheses, in groups that agree.
+std::vector<Candidate> GroupFree(const StepHypotheses& step,
+                                 const MotionNoise& noise) {
+  StepHypotheses free;
+  for (const MotionHypothesis& h : step) {
+    if (h.free_direction) free.push_back(h);
+  }
+  std::stable_sort(free.begin(), free.end(), [](const auto& a, const auto& b) {
+    return a.share > b.share;
+  });
+  const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
+    const MeasuredMotion motion =
+        a.ClosestTo(ForwardStep(a, noise.median_step));
+    return AreEqualMotions(b.ClosestTo(motion.later_from_earlier.Center()),
+                           motion, noise);
+  };
+  std::vector<Candidate> groups;
+  for (const MotionHypothesis& h : free) {
+    const auto group = std::find_if(groups.begin(), groups.end(),
+                                    [&](const auto& g) { return agree(g, h); });
+    if (group == groups.end()) {
+      groups.push_back({h});
+    } else {
+      Join(h, &*group);
+    }
+  }
+  return groups;
+}
+
+// Compares a motion by depth with the groups. Both kinds of evidence count
+// alike. A group has no matches with depth, but those that agree with it know
+// its distance and how near its points are.
+void Combine(const MotionNoise& noise, Candidate* by_depth,
+             std::vector<Candidate>* groups) {
+  const MeasuredMotion motion = MeasuredMotionOf(*by_depth);
+  const Vector3d center = motion.later_from_earlier.Center();
+  double support = 0.0;
+  const Candidate* strongest = nullptr;
+  for (Candidate& group : *groups) {
+    if (!SupportsDistance(group, motion, noise)) continue;
+    support += group.share;
+    group.nearness = group.measured.empty()
+                         ? by_depth->nearness
+                         : std::min(group.nearness, by_depth->nearness);
+    group.measured.push_back(motion);
+    if (IsStill(group)) continue;
+    if (strongest == nullptr || group.share > strongest->share) {
+      strongest = &group;
+    }
+  }
+  by_depth->share = 0.5 * (by_depth->share + std::min(support, 1.0));
+  if (strongest == nullptr) return;
+  const MeasuredMotion by_pairs = strongest->ClosestTo(center);
+  by_depth->by_depth = motion;
+  by_depth->later_from_earlier = by_pairs.later_from_earlier;
+  by_depth->rotation_covariance = by_pairs.rotation_covariance;
+  // The variance of the distance is that of the depths.
+  const Vector3d& direction = *strongest->free_direction;
+  by_depth->center_covariance =
+      by_pairs.center_covariance +
+      direction * VarianceAlong(motion.center_covariance, direction) *
+          direction.transpose();
+}
+
+// The hypotheses with a distance, and the groups of free ones.
+std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
+                                       const MotionNoise& noise) {
+  std::vector<Candidate> candidates;
+  for (const MotionHypothesis& h : step) {
+    if (!h.free_direction) candidates.push_back({h});
+  }
+  MeasureNearness(noise, &candidates);
+  std::vector<Candidate> groups = GroupFree(step, noise);
+  if (groups.empty()) return candidates;
+  for (Candidate& candidate : candidates) {
+    Combine(noise, &candidate, &groups);
+  }
+  for (Candidate& group : groups) {
+    group.share *= 0.5;
+    if (!IsStill(group)) candidates.push_back(std::move(group));
+  }
+  return candidates;
+}
+
+// The motion with the largest share of a step that has candidates.
+const Candidate& Strongest(const std::vector<Candidate>& step) {
+  return *std::max_element(
+      step.begin(), step.end(),
+      [](const auto& a, const auto& b) { return a.share < b.share; });
+}
+
+MeasuredMotion MotionOfStep(const Steps& steps, size_t k,
+                            const Candidate& candidate) {
+  return candidate.ClosestTo(
+      ForwardStep(candidate, steps.durations[k] * steps.noise.median_step));
+}
+
+// A free distance is that of any motion of the step with a distance, unless the
+// matches contradict it: those with parallax exclude that an image pair shows
+// an object that keeps its distance. The motion that correspondences with depth
+// gave may be better than that of image pairs.
+std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
+                                    const Candidate& candidate) {
+  std::vector<Rigid3> motions{
+      MotionOfStep(steps, k, candidate).later_from_earlier};
+  if (candidate.by_depth) {
+    motions.push_back(candidate.by_depth->later_from_earlier);
+  }
+  if (!candidate.free_direction) return motions;
+  for (const Candidate& other : steps.candidates[k]) {
+    if (other.free_direction) continue;
+    const Rigid3 motion = candidate.ClosestTo(other.later_from_earlier.Center())
+                              .later_from_earlier;
+    if (steps.compare(k, motions[0], motion).unexplained < kContestingShare) {
+      motions.push_back(motion);
+    }
+  }
+  return motions;
+}
+
+// Whether the matches of a step exclude that two candidates are one motion.
+bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
+                      const Candidate& b) {
+  if (!steps.compare) return true;
+  for (const Rigid3& motion_a : PossibleMotions(steps, k, a)) {
+    for (const Rigid3& motion_b : PossibleMotions(steps, k, b)) {
+      if (steps.compare(k, motion_a, motion_b).share < kContestingShare) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
+             const Candidate& strongest) {
+  const MeasuredMotion motion = MotionOfStep(steps, k, strongest);
+  return candidate.own_share >= kContestingShare &&
+         !AreEqualMotions(
+             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
+             steps.noise) &&
+         ExcludeEachOther(steps, k, candidate, strongest);
+}
+
+// Whether a rival of the strongest motion goes on in a neighboring step.
+// Objects last; errors do not. Either it is a rival there, too, or it explains
+// the motion there significantly better than the strongest one does.
+bool Continues(const Steps& steps, const Velocity& rival,
+               const Velocity& strongest, size_t neighbor) {
+  if (neighbor >= steps.size() || steps.candidates[neighbor].empty()) {
+    return false;
+  }
+  const std::vector<Candidate>& candidates = steps.candidates[neighbor];
+  const auto change = [&](const Velocity& from, const Candidate& to) {
+    return SquaredChange(from, steps.VelocityAfter(from.linear, neighbor, to),
+                         steps.noise);
+  };
+  return std::any_of(
+      candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
+        const double of_rival = change(rival, candidate);
+        return of_rival <= kMaxSquaredChange &&
+               (change(strongest, candidate) > of_rival + kMaxSquaredChange ||
+                IsRival(steps, neighbor, candidate, Strongest(candidates)));
+      });
+}
+
+// The distances to try for a step of this duration.
+std::vector<double> DistancesToTry(const Steps& steps, double duration) {
+  std::vector<double> distances{0.0};
+  const double longest = duration * steps.longest_step;
+  while (distances.back() < longest) {
+    const double change = kRelativeChange * distances.back() +
+                          kMinChange * duration * steps.noise.median_step;
+    distances.push_back(
+        distances.back() +
+        std::max(kDistanceSpacing * change, longest / kMaxNumDistances));
+  }
+  return distances;
+}
+
+}  // namespace
+
+Velocity VelocityOf(const MeasuredMotion& motion, double duration) {
+  const double squared_duration = duration * duration;
+  return {motion.later_from_earlier.Center() / duration,
+          LogSO3(motion.later_from_earlier.rotation) / duration,
+          motion.center_covariance / squared_duration,
+          motion.rotation_covariance / squared_duration};
+}
+
+MeasuredMotion MotionOf(const Velocity& velocity, double duration) {
+  const double squared_duration = duration * duration;
+  return {Rigid3::FromRotationAndCenter(ExpSO3(duration * velocity.angular_rad),
+                                        duration * velocity.linear),
+          squared_duration * velocity.angular_covariance,
+          squared_duration * velocity.linear_covariance};
+}
+
+bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
+                     const MotionNoise& noise, double factor) {
+  const MotionDifference difference = DifferenceOf(a, b);
+  const double relative =
+      std::max(kRelativeTolerance, kNumSigmas * noise.relative_center);
+  const double tolerance =
+      relative * std::max(a.later_from_earlier.Center().norm(),
+                          b.later_from_earlier.Center().norm()) +
+      kMinTolerance * noise.median_step;
+  const double tolerance_rad =
+      std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
+  const auto is_within = [factor](const Vector3d& error,
+                                  const Matrix3d& covariance, double bound) {
+    return error.squaredNorm() <=
+           factor * factor *
+               (bound * bound +
+                kNumSigmas * kNumSigmas * VarianceAlong(covariance, error));
+  };
+  return is_within(difference.center, difference.center_covariance,
+                   tolerance) &&
+         is_within(difference.rotation_rad, difference.rotation_covariance,
+                   tolerance_rad);
+}
+
+VelocityChange TypicalChange(const Velocity& a, const Velocity& b,
+                             const MotionNoise& noise) {
+  return {
+      kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
+          kMinChange * noise.median_step + noise.linear_change,
+      kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
+          kMinTurnChange_rad + noise.turn_change_rad};
+}
+
+double SquaredChange(const Velocity& a, const Velocity& b,
+                     const MotionNoise& noise) {
+  const VelocityChange typical = TypicalChange(a, b, noise);
+  const auto squared = [](const Vector3d& change, const Matrix3d& covariance,
+                          double of_rig) {
+    return change.squaredNorm() /
+           (of_rig * of_rig + VarianceAlong(covariance, change));
+  };
+  return squared(a.linear - b.linear, a.linear_covariance + b.linear_covariance,
+                 typical.linear) +
+         squared(a.angular_rad - b.angular_rad,
+                 a.angular_covariance + b.angular_covariance,
+                 typical.angular_rad);
+}
+
+double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {
+  const double squared_length = vector.squaredNorm();
+  return squared_length > 0.0 ? vector.dot(covariance * vector) / squared_length
+                              : 0.0;
+}
+
+Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
+  return length * hypothesis.free_direction.value_or(Vector3d::Zero());
+}
+
+Steps MakeSteps(const std::vector<StepHypotheses>& measured,
+                std::vector<double> durations) {
+  Steps steps;
+  const std::vector<double> lengths = MeasuredLengths(measured);
+  if (!lengths.empty()) {
+    steps.noise.median_step = Median(lengths);
+    steps.longest_step = 2.0 * Quantile(lengths, kLongQuantile);
+  }
+  MeasureDisagreement(measured, &steps.noise);
+  MeasureChanges(measured, durations, &steps.noise);
+  for (const StepHypotheses& step : measured) {
+    steps.candidates.push_back(GroupHypotheses(step, steps.noise));
+  }
+  steps.durations = std::move(durations);
+  return steps;
+}
+
+bool HasRivals(const Steps& steps, size_t k) {
+  const std::vector<Candidate>& step = steps.candidates[k];
+  if (step.empty()) return false;
+  const Candidate& strongest = Strongest(step);
+  const MeasuredMotion motion = MotionOfStep(steps, k, strongest);
+  const Velocity velocity = VelocityOf(motion, steps.durations[k]);
+  return std::any_of(step.begin(), step.end(), [&](const Candidate& candidate) {
+    const Velocity rival =
+        VelocityOf(candidate.ClosestTo(motion.later_from_earlier.Center()),
+                   steps.durations[k]);
+    return IsRival(steps, k, candidate, strongest) &&
+           (Continues(steps, rival, velocity, k - 1) ||
+            Continues(steps, rival, velocity, k + 1));
+  });
+}
+
+std::vector<Candidate> TryDistances(const Steps& steps, size_t k) {
+  const std::vector<double> distances =
+      DistancesToTry(steps, steps.durations[k]);
+  std::vector<Candidate> tried;
+  for (const Candidate& candidate : steps.candidates[k]) {
+    if (!candidate.free_direction) {
+      tried.push_back(candidate);
+      continue;
+    }
+    const Vector3d nearest = candidate.later_from_earlier.Center();
+    for (const double distance : distances) {
+      tried.push_back(candidate);
+      tried.back().tried_center = nearest + ForwardStep(candidate, distance);
+    }
+  }
+  return tried;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,529 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/moving_objects.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "base/parallel.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "moving_objects/ambiguous_steps.h"
+#include "moving_objects/frame_depths.h"
+#include "moving_objects/loop_consistency.h"
+#include "moving_objects/motion_continuity.h"
+#include "moving_objects/motion_hypotheses.h"
+#include "moving_objects/path_agreement.h"
+#include "moving_objects/rig_motions.h"
+#include "translation_averaging/baseline_directions.h"
+#include "translation_averaging/position_problem.h"
+#include "translation_averaging/scale_averaging.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+using FramePair = FramePairIndex::FramePair;
+
+// docs/results/constants.md shows the sensitivity to these thresholds.
+//
+// An excess of one contradicting match may be a mismatch.
+constexpr int kMinBalance = 2;
+// Matches of a pair whose pose the path predicts; without a prediction, a pair
+// needs more. docs/results/constants.md compares 5 to 15 on weak drives.
+constexpr int kMinNumPredicted = 8;
+// Fewer contradicting matches do not bias the relative pose of a pair.
+constexpr double kMaxContradicting = 0.1;
+
+// Per pair: the length of its baseline by scale averaging; nullopt if unknown.
+std::vector<std::optional<double>> AverageLengths(
+    const MotionProblem& problem, const RotationEstimate& rotations,
+    double min_parallax_deg, const Context& context) {
+  const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
+  Mask is_near(pairs.size(), false);
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    is_near[i] = problem.index.AreNeighbors(problem.index.Of(i)) &&
+                 pairs[i].relative_pose;
+  }
+  const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
+      {problem.scene, problem.bearings, problem.view_graph, is_near,
+       MakePositionProblem(problem.scene, rotations)},
+      min_parallax_deg, context, PairRotation::kOwn);
+  const PairScales scales = AverageScales(
+      measured, static_cast<int>(problem.scene.images.size()), context);
+  std::vector<std::optional<double>> lengths(pairs.size());
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (measured[i].kind == BaselineKind::kNoParallax) lengths[i] = 0.0;
+    if (scales.pairs[i] && scales.pairs[i]->group == 0) {
+      lengths[i] = scales.pairs[i]->scale;
+    }
+  }
+  return lengths;
+}
+
+// Per pair of frames, the motion from frame 1 to frame 2; nullopt unless the
+// path measures it.
+using PlacedPairs = std::vector<std::optional<MeasuredMotion>>;
+
+// Motions are refined next to objects. Where no match measures a motion between
+// the frames, nothing is expected of their pairs.
+PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
+                        const Mask& is_near_object, const Context& context) {
+  const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
+  PlacedPairs placed(frame_pairs.size());
+  ParallelFor(placed.size(), context.num_threads, [&](size_t i) {
+    const FramePair& frames = frame_pairs[i];
+    if (!frames.IsBetweenFrames() || !problem.index.AreNeighbors(frames) ||
+        !path.IsComparable(frames.frame_idx1, frames.frame_idx2)) {
+      return;
+    }
+    int earlier = frames.frame_idx1, later = frames.frame_idx2;
+    const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
+    if (is_reversed) std::swap(earlier, later);
+    std::optional<MeasuredMotion> refined;
+    if (is_near_object[earlier] || is_near_object[later]) {
+      refined = RefineMotion(problem, path, earlier, later);
+    }
+    if (!refined && path.num_unknown[earlier] != path.num_unknown[later]) {
+      return;
+    }
+    const MeasuredMotion motion =
+        refined ? *refined : path.MeasuredBetween(earlier, later);
+    placed[i] = is_reversed ? motion.Inverse() : motion;
+  });
+  return placed;
+}
+
+// Expects pairs only of sensors whose places in the rig are known.
+std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
+                                      const PlacedPairs& placed) {
+  std::vector<ExpectedPair> expected;
+  for (size_t f = 0; f < placed.size(); ++f) {
+    if (!placed[f]) continue;
+    const FramePair& frames = problem.index.frame_pairs()[f];
+    for (const size_t i : frames.pair_idxs) {
+      const auto pair = ExpectPair(problem, i, frames.frame_idx1, *placed[f]);
+      if (pair) expected.push_back(*pair);
+    }
+  }
+  std::sort(expected.begin(), expected.end(), [](const auto& a, const auto& b) {
+    return a.pair_idx < b.pair_idx;
+  });
+  return expected;
+}
+
+// The pair of the same images before verification.
+const ImagePair& SourceOf(const MotionProblem& problem, const ImagePair& pair) {
+  return *FindPair(problem.matches, pair.image_idx1, pair.image_idx2);
+}
+
+// Keypoints on moving objects: their matches contradict what is expected of
+// pairs more often than they agree. Most keypoints of an object have no depth
+// in their own frame, but a match with one that has.
+class MovingKeypoints {
+ public:
+  MovingKeypoints(const MotionProblem& problem,
+                  const std::vector<ExpectedPair>& expected)
+      : balance_(problem.scene.images.size()) {
+    for (const ExpectedPair& e : expected) Count(problem, e);
+  }
+
+  bool Contains(int image_idx, uint32_t keypoint_idx) const {
+    const std::vector<int>& balance = balance_[image_idx];
+    return !balance.empty() && balance[keypoint_idx] >= kMinBalance;
+  }
+  bool IsStatic(int image_idx, uint32_t keypoint_idx) const {
+    const std::vector<int>& balance = balance_[image_idx];
+    return !balance.empty() && balance[keypoint_idx] <= -kMinBalance;
+  }
+
+ private:
+  void Count(const MotionProblem& problem, const ExpectedPair& expected) {
+    const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+    const double tolerance_rad = ToleranceOf(problem, expected);
+    for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
+      balance_[image_idx].resize(
+          problem.scene.images[image_idx].keypoints_px.size(), 0);
+    }
+    for (const Match& match : SourceOf(problem, pair).matches) {
+      const MatchVerdict verdict =
+          CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                            expected.cam2_from_cam1, tolerance_rad);
+      if (verdict == MatchVerdict::kIsOnEpipolarLine) continue;
+      const int change = verdict == MatchVerdict::kAgrees ? -1 : 1;
+      balance_[pair.image_idx1][match.keypoint_idx1] += change;
+      balance_[pair.image_idx2][match.keypoint_idx2] += change;
+    }
+  }
+
+  std::vector<std::vector<int>> balance_;
+};
+
+// The matches of a pair, verified or not, that agree with the path.
+std::vector<Match> AgreeingMatches(const MotionProblem& problem,
+                                   const MovingKeypoints& moving,
+                                   const ExpectedPair& expected,
+                                   const ImagePair& pair) {
+  const double tolerance_rad = ToleranceOf(problem, expected);
+  std::vector<Match> agreeing;
+  for (const Match& match : pair.matches) {
+    if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
+        !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&
+        CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                          expected.cam2_from_cam1,
+                          tolerance_rad) != MatchVerdict::kContradicts) {
+      agreeing.push_back(match);
+    }
+  }
+  return agreeing;
+}
+
+// The pair to verify: its matches before verification that agree with the path.
+ImagePair SelectMatches(const MotionProblem& problem,
+                        const MovingKeypoints& moving,
+                        const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  ImagePair selected;
+  selected.image_idx1 = pair.image_idx1;
+  selected.image_idx2 = pair.image_idx2;
+  selected.config = TwoViewConfig::kCalibrated;
+  selected.relative_pose = {expected.cam2_from_cam1.rotation, std::nullopt};
+  const double length = expected.cam2_from_cam1.translation.norm();
+  if (length > 0.0) {
+    selected.relative_pose->translation_direction =
+        expected.cam2_from_cam1.translation / length;
+  }
+  selected.matches =
+      AgreeingMatches(problem, moving, expected, SourceOf(problem, pair));
+  return selected;
+}
+
+// Estimates pairs from the matches that agree with what is expected of them.
+// Returns the pairs that succeed, with their poses.
+std::vector<ExpectedPair> VerifyPairs(
+    const MotionProblem& problem, const RigPath& path,
+    const std::vector<ExpectedPair>& expected,
+    const ViewGraphOptions& verification, const Context& context,
+    std::vector<std::optional<ImagePair>>* pair_of_scene) {
+  const MovingKeypoints moving(problem, expected);
+  ViewGraph selected;
+  selected.pairs.resize(expected.size());
+  ParallelFor(expected.size(), context.num_threads, [&](size_t i) {
+    selected.pairs[i] = SelectMatches(problem, moving, expected[i]);
+  });
+  ViewGraph verified = EstimateViewGraph(problem.scene, problem.bearings,
+                                         selected, verification, context)
+                           .estimate;
+  std::vector<ExpectedPair> found;
+  size_t k = 0;
+  for (ImagePair& pair : verified.pairs) {
+    while (selected.pairs[k].image_idx1 != pair.image_idx1 ||
+           selected.pairs[k].image_idx2 != pair.image_idx2) {
+      ++k;
+    }
+    const RelativePose& pose = *pair.relative_pose;
+    if (!AgreesWithPath(problem, path, pair, expected[k])) continue;
+    ExpectedPair e = expected[k];
+    e.cam2_from_cam1.rotation = pose.cam2_from_cam1;
+    if (pose.translation_direction) {
+      e.cam2_from_cam1.translation =
+          e.cam2_from_cam1.translation.norm() * *pose.translation_direction;
+    }
+    e.covariance.setZero();
+    found.push_back(e);
+    (*pair_of_scene)[e.pair_idx] = std::move(pair);
+  }
+  return found;
+}
+
+// The pairs next to objects that contradict the path, by their poses or by more
+// than a few of their matches.
+std::vector<ExpectedPair> SelectDoubtful(
+    const MotionProblem& problem, const RigPath& path,
+    const Mask& is_near_object, const std::vector<ExpectedPair>& expected) {
+  std::vector<ExpectedPair> near;
+  for (const ExpectedPair& e : expected) {
+    const FramePair& frames = problem.index.Of(e.pair_idx);
+    if (is_near_object[frames.frame_idx1] ||
+        is_near_object[frames.frame_idx2]) {
+      near.push_back(e);
+    }
+  }
+  const MovingKeypoints moving(problem, near);
+  std::vector<ExpectedPair> doubtful;
+  for (const ExpectedPair& e : near) {
+    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
+    const auto num_contradicting =
+        static_cast<double>(pair.matches.size()) -
+        static_cast<double>(AgreeingMatches(problem, moving, e, pair).size());
+    if (!AgreesWithPath(problem, path, pair, e) ||
+        num_contradicting >
+            kMaxContradicting * static_cast<double>(pair.matches.size())) {
+      doubtful.push_back(e);
+    }
+  }
+  return doubtful;
+}
+
+// Whether most matches of a pair whose depth is known agree with a motion.
+bool MostDepthsAgree(const MotionProblem& problem,
+                     const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  const double tolerance_rad = ToleranceOf(problem, expected);
+  size_t num_agreeing = 0, num_contradicting = 0;
+  for (const Match& match : pair.matches) {
+    switch (CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                              expected.cam2_from_cam1, tolerance_rad)) {
+      case MatchVerdict::kAgrees:
+        ++num_agreeing;
+        break;
+      case MatchVerdict::kContradicts:
+        ++num_contradicting;
+        break;
+      case MatchVerdict::kIsOnEpipolarLine:
+        break;
+    }
+  }
+  return num_agreeing > num_contradicting;
+}
+
+// Pairs that agree with the path by their poses, and by most of their matches
+// with depth, are not discontinuous.
+void KeepAgreeing(const MotionProblem& problem, const RigPath& path,
+                  const std::vector<ExpectedPair>& expected,
+                  Mask* pair_is_discontinuous) {
+  for (const ExpectedPair& e : expected) {
+    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
+    if ((*pair_is_discontinuous)[e.pair_idx] &&
+        AgreesWithPath(problem, path, pair, e) && MostDepthsAgree(problem, e)) {
+      (*pair_is_discontinuous)[e.pair_idx] = false;
+    }
+  }
+}
+
+// Where no match measures the motion of the rig between two frames, pairs of
+// which most matches are of keypoints that move elsewhere show an object.
+void RejectObjects(const MotionProblem& problem, const Mask& is_near_object,
+                   const std::vector<ExpectedPair>& expected,
+                   Mask* pair_is_discontinuous) {
+  const MovingKeypoints moving(problem, expected);
+  Mask is_expected(pair_is_discontinuous->size(), false);
+  for (const ExpectedPair& e : expected) is_expected[e.pair_idx] = true;
+  for (size_t i = 0; i < is_expected.size(); ++i) {
+    const FramePair& frames = problem.index.Of(i);
+    if (is_expected[i] || !frames.IsBetweenFrames() ||
+        !(is_near_object[frames.frame_idx1] ||
+          is_near_object[frames.frame_idx2])) {
+      continue;
+    }
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    int num_moving = 0, num_static = 0;
+    for (const Match& match : pair.matches) {
+      const bool moves =
+          moving.Contains(pair.image_idx1, match.keypoint_idx1) ||
+          moving.Contains(pair.image_idx2, match.keypoint_idx2);
+      const bool rests =
+          moving.IsStatic(pair.image_idx1, match.keypoint_idx1) ||
+          moving.IsStatic(pair.image_idx2, match.keypoint_idx2);
+      num_moving += moves && !rests ? 1 : 0;
+      num_static += rests && !moves ? 1 : 0;
+    }
+    if (num_moving > num_static) (*pair_is_discontinuous)[i] = true;
+  }
+}
+
+// The relative poses of pairs next to objects and of those within frames.
+std::vector<std::optional<Rigid3>> PosesNearObjects(
+    const MotionProblem& problem, const Mask& is_near_object,
+    const std::vector<ExpectedPair>& expected) {
+  std::vector<std::optional<Rigid3>> poses(problem.view_graph.pairs.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (problem.index.Of(i).IsBetweenFrames()) continue;
+    poses[i] = RelativePoseBy(problem, problem.view_graph.pairs[i],
+                              problem.index.Of(i).frame_idx1, {});
+  }
+  for (const ExpectedPair& e : expected) {
+    const FramePair& frames = problem.index.Of(e.pair_idx);
+    if (is_near_object[frames.frame_idx1] ||
+        is_near_object[frames.frame_idx2]) {
+      poses[e.pair_idx] = e.cam2_from_cam1;
+    }
+  }
+  return poses;
+}
+
+// Estimates the pairs next to objects again, from matches that agree.
+MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
+                             const ViewGraphOptions& verification,
+                             const Context& context) {
+  const Mask& is_near_object = path.is_contested;
+  if (!is_near_object.Any()) return {};
+  const PlacedPairs placed =
+      PlaceFrames(problem, path, is_near_object, context);
+  const std::vector<ExpectedPair> expected = ExpectPairs(problem, placed);
+  const size_t num_pairs = problem.view_graph.pairs.size();
+  MotionOfScene motion;
+  motion.pair_is_discontinuous = Mask(num_pairs, false);
+  motion.pair_of_scene.resize(num_pairs);
+  motion.pair_on_path = PosesNearObjects(problem, is_near_object, expected);
+  std::vector<ExpectedPair> judged =
+      SelectDoubtful(problem, path, is_near_object, expected);
+  for (const ExpectedPair& e : judged) {
+    motion.pair_is_discontinuous[e.pair_idx] = true;
+  }
+  ViewGraphOptions of_prediction = verification;
+  of_prediction.min_num_inliers =
+      std::min(*verification.min_num_inliers, kMinNumPredicted);
+  // The second round starts from the poses that the first has found.
+  for (int round = 0; round < 2; ++round) {
+    judged = VerifyPairs(problem, path, judged, of_prediction, context,
+                         &motion.pair_of_scene);
+  }
+  for (const ExpectedPair& e : judged) {
+    motion.pair_is_discontinuous[e.pair_idx] = false;
+  }
+  KeepAgreeing(problem, path, expected, &motion.pair_is_discontinuous);
+  RejectObjects(problem, is_near_object, expected,
+                &motion.pair_is_discontinuous);
+  return motion;
+}
+
+// Rejects the pairs whose own poses contradict the path.
+MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
+                           const RotationEstimate& rotations,
+                           const std::vector<std::optional<double>>& lengths) {
+  const size_t num_pairs = problem.view_graph.pairs.size();
+  MotionOfScene motion;
+  motion.pair_is_discontinuous = Mask(num_pairs, false);
+  for (size_t i = 0; i < num_pairs; ++i) {
+    const FramePair& frames = problem.index.Of(i);
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    const Image& image1 = problem.scene.images[pair.image_idx1];
+    const Image& image2 = problem.scene.images[pair.image_idx2];
+    if (!frames.IsBetweenFrames() || !lengths[i] ||
+        !problem.index.AreNeighbors(frames) ||
+        image1.sensor_idx != image2.sensor_idx ||
+        !path.IsComparable(image1.frame_idx, image2.frame_idx) ||
+        !(path.is_contested[image1.frame_idx] ||
+          path.is_contested[image2.frame_idx]) ||
+        path.num_unknown[image1.frame_idx] !=
+            path.num_unknown[image2.frame_idx]) {
+      continue;
+    }
+    const Rigid3 sensor_from_rig{*rotations.sensor_from_rig[image1.sensor_idx],
+                                 Vector3d::Zero()};
+    const int frame1 = image1.frame_idx, frame2 = image2.frame_idx;
+    const MeasuredMotion rig2_from_rig1 =
+        problem.index.order()->IsBefore(frame2, frame1)
+            ? path.MeasuredBetween(frame2, frame1).Inverse()
+            : path.MeasuredBetween(frame1, frame2);
+    motion.pair_is_discontinuous[i] = !AgreesWithPath(
+        problem, path, pair,
+        {i,
+         sensor_from_rig * rig2_from_rig1.later_from_earlier *
+             sensor_from_rig.Inverse(),
+         CovarianceOfExpected(sensor_from_rig.rotation, rig2_from_rig1)},
+        lengths[i]);
+  }
+  if (!motion.pair_is_discontinuous.Any()) return {};
+  return motion;
+}
+
+// Pairs of neighbors across an ambiguous step are discontinuous.
+void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
+                     MotionOfScene* motion) {
+  AmbiguousSteps steps = FindAmbiguousSteps(index, path);
+  motion->frame_is_ambiguous = std::move(steps.frame_is_beside);
+  if (!steps.pair_is_across.Any()) return;
+  if (motion->pair_is_discontinuous.empty()) {
+    motion->pair_is_discontinuous = Mask(index.num_pairs(), false);
+  }
+  for (size_t i = 0; i < index.num_pairs(); ++i) {
+    if (steps.pair_is_across[i]) motion->pair_is_discontinuous[i] = true;
+  }
+}
+
+// The displacement that moves a keypoint by max_error_px, in the median.
+double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
+                         double max_error_px) {
+  std::vector<double> displacements;
+  for (size_t i = 0; i < depths.distances.size(); ++i) {
+    const Camera& camera = scene.cameras[scene.images[i].camera_idx];
+    const double error_rad =
+        max_error_px / PixelsPerRadian(camera.model, camera.params.data());
+    for (const auto& distance : depths.distances[i]) {
+      if (distance) displacements.push_back(error_rad * *distance);
+    }
+  }
+  return displacements.empty() ? 0.0 : Median(std::move(displacements));
+}
+
+}  // namespace
+
+MotionOfScene FindMovingObjects(const MotionInput& input,
+                                const MotionOptions& options,
+                                const Context& context) {
+  const auto& [scene, bearings, index, view_graph, matches, rotations] = input;
+  const auto& [min_parallax_deg, verification, filtering] = options;
+  const FrameDepths depths = MeasureFrameDepths(
+      scene, bearings, index, view_graph, rotations, min_parallax_deg,
+      kKeypointNoise * verification.max_error_px, context);
+  const FramePairIndex matches_index(scene, matches, SequenceMode::kYes);
+  const MotionProblem problem{
+      scene,
+      bearings,
+      index,
+      view_graph,
+      matches_index,
+      matches,
+      depths,
+      verification.max_error_px,
+      filtering.max_relative_baseline_error,
+      NoiseDisplacement(scene, depths, verification.max_error_px)};
+  const bool has_depths = std::any_of(
+      depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
+      [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
+  if (has_depths) {
+    const RigPath path = FindRigPath(
+        *index.order(), index.num_frames(),
+        FindHypothesesWithDepths(problem, context),
+        [&](int earlier, int later, const Rigid3& motion1,
+            const Rigid3& motion2) {
+          return ExclusionOf(problem, earlier, later, motion1, motion2);
+        });
+    const RigPath refined = RefinePath(problem, path);
+    MotionOfScene motion =
+        JudgeByMatches(problem, refined, verification, context);
+    RejectAmbiguous(index, path, &motion);
+    motion.loop_contradicts_path =
+        FindLoopsAgainstPath(index, refined, filtering.max_baseline_drift);
+    return motion;
+  }
+  const auto lengths =
+      AverageLengths(problem, rotations, min_parallax_deg, context);
+  std::vector<std::optional<Rigid3>> sensor_from_rig(scene.sensors.size());
+  for (size_t s = 0; s < sensor_from_rig.size(); ++s) {
+    if (rotations.sensor_from_rig[s]) {
+      sensor_from_rig[s] =
+          Rigid3{*rotations.sensor_from_rig[s], Vector3d::Zero()};
+    }
+  }
+  std::vector<std::optional<BaselineLength>> exact_lengths(lengths.size());
+  for (size_t i = 0; i < lengths.size(); ++i) {
+    if (lengths[i]) exact_lengths[i] = BaselineLength{*lengths[i], 0.0};
+  }
+  const RigPath path =
+      FindRigPath(*index.order(), index.num_frames(),
+                  FindHypothesesByPairs(problem, sensor_from_rig, exact_lengths,
+                                        PairDistance::kMeasured));
+  MotionOfScene motion = JudgeByPoses(problem, path, rotations, lengths);
+  RejectAmbiguous(index, path, &motion);
+  return motion;
+}
+
+}  // namespace mgsfm

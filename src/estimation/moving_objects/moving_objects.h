@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "mgsfm/view_graph/view_graph_estimation.h"
+#include "pair_filtering/frame_pair_index.h"
+
+namespace mgsfm {
+
+struct MotionInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const FramePairIndex& index;  // of the view graph
+  const ViewGraph& view_graph;
+  const ViewGraph& matches;
+  const RotationEstimate& rotations;
+};
+
+struct MotionOptions {
+  double min_parallax_deg;
+  const ViewGraphOptions& verification;
+  const PairFilteringOptions& filtering;
+};
+
+// How the static scene moves relative to the rig in a sequence, where matches
+// support other motions, too. All empty if none do.
+struct MotionOfScene {
+  // Per pair of the view graph: its matches do not show the static scene.
+  Mask pair_is_discontinuous;
+  // Per pair: its matches on the static scene, and the relative pose they
+  // imply, if both are known.
+  std::vector<std::optional<ImagePair>> pair_of_scene;
+  // Per pair: its frames are distant in the sequence, and further apart on the
+  // path than the drift bound of positions allows.
+  Mask loop_contradicts_path;
+  // cam2_from_cam1 on the path, for pairs near an object, and the relative
+  // poses of pairs within frames, in one unit of length.
+  std::vector<std::optional<Rigid3>> pair_on_path;
+  // Per frame: the motion from or to it is unknown, because an object explains
+  // it as well as the static scene.
+  Mask frame_is_ambiguous;
+};
+
+// Decides for neighbors in a sequence which matches show the static scene:
+//
+//   depths      of keypoints by pairs within frames (frame_depths.h)
+//   motions     of the rig between consecutive frames that the matches support
+//               (motion_hypotheses.h)
+//   path        the smoothest choice (moving_objects/motion_continuity.h)
+//   pairs       of neighbors (pair_filtering/frame_pair_index.h), where
+//   motions
+//               compete: matches that agree with the path, by the epipolar
+//               constraint and by their depths, determine the relative pose
+//               anew. Pairs without enough of them are discontinuous, and so
+//               are those across a step whose motion is ambiguous.
+//
+// `matches` is the view graph before its estimation: where a vehicle dominates
+// an image, the matches of the static scene are outliers of its pairs.
+//
+// Rigs without overlapping views give no depths. Motions are then those of
+// their pairs, by their own rotations and with lengths by scale averaging, and
+// pairs are judged by their own poses.
+[[nodiscard]] MotionOfScene FindMovingObjects(const MotionInput& input,
+                                              const MotionOptions& options,
+                                              const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/path_agreement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "geometry/so3.h"
+#include "moving_objects/motion_candidates.h"
+#include "moving_objects/rig_motions.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using FramePair = FramePairIndex::FramePair;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+// docs/results/constants.md shows the sensitivity to these thresholds.
+//
+// A pair contradicts the path beyond this angle: the error of pairs with the
+// minimum number of matches.
+constexpr double kMaxRotationError_rad = DegToRad(1.0);
+// Displacements below this share of the median step are noise.
+constexpr double kMinDisplacement = 0.2;
+// Error of the baseline, relative to its length, of pairs that support a motion
+// by their own poses. Half and twice the value change errors by at most 2 %.
+constexpr double kMaxSupportError = 0.1;
+// 95 % of the errors of a pair along a direction are smaller, in standard
+// deviations.
+constexpr double kNumSigmas = 1.96;
+
+// Shorter displacements are noise.
+double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
+  return std::max(kMinDisplacement * path.noise.median_step,
+                  problem.noise_displacement);
+}
+
+// The standard deviation along an error.
+double SigmaAlong(const Matrix3d& covariance, const Vector3d& error) {
+  return std::sqrt(std::max(0.0, VarianceAlong(covariance, error)));
+}
+
+// Pairs support a motion if they are close to it.
+MotionProblem Strict(const MotionProblem& problem) {
+  MotionProblem strict = problem;
+  strict.max_relative_baseline_error = kMaxSupportError;
+  return strict;
+}
+
+// The number of matches of pairs whose own poses agree with a motion between
+// two frames.
+size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
+                      int earlier, int later,
+                      const Rigid3& later_from_earlier) {
+  const FramePair* frames = problem.index.Find(earlier, later);
+  if (frames == nullptr) return 0;
+  const Rigid3 motion = frames->frame_idx1 == earlier
+                            ? later_from_earlier
+                            : later_from_earlier.Inverse();
+  const MotionProblem strict = Strict(problem);
+  size_t num_matches = 0;
+  for (const size_t i : frames->pair_idxs) {
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    const auto cam2_from_cam1 =
+        RelativePoseBy(problem, pair, frames->frame_idx1, motion);
+    if (cam2_from_cam1 &&
+        AgreesWithPath(strict, path, pair, {i, *cam2_from_cam1})) {
+      num_matches += pair.matches.size();
+    }
+  }
+  return num_matches;
+}
+
+}  // namespace
+
+double ToleranceOf(const MotionProblem& problem, const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  const double keypoint_rad = ToleranceOf(problem, pair);
+  const double of_rotation =
+      expected.covariance.topLeftCorner<3, 3>().trace() / 3.0;
+  const double of_center =
+      expected.covariance.bottomRightCorner<3, 3>().trace() / 3.0;
+  const double per_length = problem.noise_displacement > 0.0
+                                ? keypoint_rad / problem.noise_displacement
+                                : 0.0;
+  return keypoint_rad +
+         kNumSigmas *
+             std::sqrt(of_rotation + per_length * per_length * of_center);
+}
+
+std::optional<ExpectedPair> ExpectPair(const MotionProblem& problem,
+                                       size_t pair_idx, int frame_idx1,
+                                       const MeasuredMotion& rig2_from_rig1) {
+  const ImagePair& pair = problem.view_graph.pairs[pair_idx];
+  const auto cam2_from_cam1 = RelativePoseBy(problem, pair, frame_idx1,
+                                             rig2_from_rig1.later_from_earlier);
+  if (!cam2_from_cam1) return std::nullopt;
+  const Image& image1 = problem.scene.images[pair.image_idx1];
+  const Image& image2 = problem.scene.images[pair.image_idx2];
+  return ExpectedPair{
+      pair_idx, *cam2_from_cam1,
+      CovarianceOfExpected(
+          problem.depths.cam_from_rig[image2.sensor_idx]->rotation,
+          image1.frame_idx == frame_idx1 ? rig2_from_rig1
+                                         : rig2_from_rig1.Inverse())};
+}
+
+Matrix6d CovarianceOfExpected(const Eigen::Quaterniond& cam2_from_rig,
+                              const MeasuredMotion& motion) {
+  const Matrix3d from_rig2 = cam2_from_rig.toRotationMatrix();
+  const Matrix3d from_rig1 =
+      from_rig2 * motion.later_from_earlier.rotation.toRotationMatrix();
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.topLeftCorner<3, 3>() =
+      from_rig2 * motion.rotation_covariance * from_rig2.transpose();
+  covariance.bottomRightCorner<3, 3>() =
+      from_rig1 * motion.center_covariance * from_rig1.transpose();
+  return covariance;
+}
+
+bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
+                    const ImagePair& pair, const ExpectedPair& expected,
+                    const std::optional<double>& length) {
+  const RelativePose& pose = *pair.relative_pose;
+  const Vector3d turn_error = LogSO3(
+      pose.cam2_from_cam1 * expected.cam2_from_cam1.rotation.conjugate());
+  const double max_turn_error =
+      kMaxRotationError_rad + path.RotationToleranceRad();
+  const double min_error = MinDisplacement(problem, path);
+  const Vector3d& translation = expected.cam2_from_cam1.translation;
+  const Vector3d direction =
+      pose.translation_direction.value_or(Vector3d::Zero());
+  const double measured = length.value_or(translation.norm());
+  const Vector3d error = measured * direction - translation;
+  const bool has_direction =
+      length || (pose.translation_direction && translation.norm() >= min_error);
+  const double max_error =
+      std::max(min_error, problem.max_relative_baseline_error *
+                              std::max(measured, translation.norm()));
+  if (turn_error.norm() <= max_turn_error &&
+      (!has_direction || error.norm() <= max_error)) {
+    return true;
+  }
+  Matrix6d covariance = expected.covariance;
+  if (pose.translation_direction) {
+    Matrix6d of_pair = CovarianceOf(problem, pair);
+    of_pair.bottomRightCorner<3, 3>() *= measured * measured;
+    covariance += of_pair;
+  }
+  return turn_error.norm() <=
+             max_turn_error +
+                 kNumSigmas *
+                     SigmaAlong(covariance.topLeftCorner<3, 3>(), turn_error) &&
+         (!has_direction ||
+          error.norm() <=
+              max_error +
+                  kNumSigmas *
+                      SigmaAlong(covariance.bottomRightCorner<3, 3>(), error));
+}
+
+std::optional<MeasuredMotion> RefineMotion(const MotionProblem& problem,
+                                           const RigPath& path, int earlier,
+                                           int later) {
+  const FramePair* frames = problem.matches_index.Find(earlier, later);
+  if (frames == nullptr) return std::nullopt;
+  const Rigid3 expected = path.Between(earlier, later);
+  auto refined =
+      RefineRigMotion(problem.MatchesOf(earlier, *frames),
+                      kDepthErrorFactor * problem.max_error_px, expected);
+  if (!refined || !path.AreSimilar(refined->later_from_earlier, expected) ||
+      SupportByPairs(problem, path, earlier, later,
+                     refined->later_from_earlier) <
+          SupportByPairs(problem, path, earlier, later, expected)) {
+    return std::nullopt;
+  }
+  return refined;
+}
+
+RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
+  RigPath refined = path;
+  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
+    int num_measured = 0;
+    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
+      const int a = sequence[k], b = sequence[k + 1];
+      refined.num_unknown[b] -= num_measured;
+      if (!path.IsComparable(a, b)) continue;
+      std::optional<MeasuredMotion> step;
+      if (path.is_interpolated[b] || path.is_contested[a] ||
+          path.is_contested[b]) {
+        step = RefineMotion(problem, path, a, b);
+      }
+      if (step && path.num_unknown[a] != path.num_unknown[b]) {
+        --refined.num_unknown[b];
+        ++num_measured;
+      }
+      RigPath::Place place = *refined.of_frame[a];
+      place.Move(step ? *step : path.MeasuredBetween(a, b));
+      refined.of_frame[b] = place;
+    }
+  }
+  return refined;
+}
+
+}  // namespace mgsfm

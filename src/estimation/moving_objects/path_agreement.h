@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <optional>
+
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/view_graph.h"
+#include "moving_objects/motion_continuity.h"
+#include "moving_objects/motion_hypotheses.h"
+
+namespace mgsfm {
+
+// Compares image pairs with the path of the rig (motion_continuity.h). A pair
+// agrees if its rotation and baseline differ from those of the path by less
+// than 1.96 standard deviations of both, beyond a tolerance of either.
+
+// The relative pose that the path predicts for a pair.
+struct ExpectedPair {
+  size_t pair_idx = 0;
+  Rigid3 cam2_from_cam1;
+  // Of the rotation vector and the translation, in the axes of camera 2, by the
+  // errors of the motion.
+  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
+};
+
+// The bound of epipolar errors of the matches of an expected pair: that of
+// keypoints and 1.96 standard deviations of the angle by which the
+// errors of the motion displace points at the median distance.
+[[nodiscard]] double ToleranceOf(const MotionProblem& problem,
+                                 const ExpectedPair& expected);
+
+// By the motion of the rig from frame `frame_idx1` to the other frame of the
+// pair. nullopt unless the poses of its sensors in the rig are known.
+[[nodiscard]] std::optional<ExpectedPair> ExpectPair(
+    const MotionProblem& problem, size_t pair_idx, int frame_idx1,
+    const MeasuredMotion& rig2_from_rig1);
+
+// The covariance of ExpectedPair by that of the motion from the rig of image 1
+// to the rig of image 2.
+[[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOfExpected(
+    const Eigen::Quaterniond& cam2_from_rig, const MeasuredMotion& motion);
+
+// Whether the relative pose of a pair agrees with the path. The length of its
+// baseline counts if it is known.
+[[nodiscard]] bool AgreesWithPath(
+    const MotionProblem& problem, const RigPath& path, const ImagePair& pair,
+    const ExpectedPair& expected,
+    const std::optional<double>& length = std::nullopt);
+
+// The motion between two frames near the path that their correspondences
+// support, if there is one and image pairs do not support the path more: few
+// correspondences with inexact depths can turn the motion by a degree.
+[[nodiscard]] std::optional<MeasuredMotion> RefineMotion(
+    const MotionProblem& problem, const RigPath& path, int earlier, int later);
+
+// Refines the steps that are contested or interpolated. Matches that agree with
+// a refined step measure it.
+[[nodiscard]] RigPath RefinePath(const MotionProblem& problem,
+                                 const RigPath& path);
+
+}  // namespace mgsfm

@@ -1,0 +1,329 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/rig_motions.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <utility>
+
+#include "geometry/absolute_pose.h"
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
+#include "math/robust_scale.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/geometry/camera_models.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+// The static scene, a vehicle and one more. With one or six, mean errors change
+// by at most 2 % (docs/results/constants.md).
+constexpr size_t kMaxNumMotions = 3;
+// Three of them determine the motion. Each of the others agrees by chance with
+// a probability of about 1e-3.
+constexpr size_t kMinNumAgreeing = 8;
+// Share of the correspondences of a motion that no motion before it explains.
+// Half or twice the value changes mean errors by at most 2 %
+// (docs/results/constants.md).
+constexpr double kMinOwnShare = 0.05;
+// Fewer are mismatches and errors of depths: on recorded drives without
+// vehicles, the first motion leaves a tenth.
+constexpr double kMinRemainingShare = 0.1;
+// Finds a motion that 30 % of the correspondences support with a probability of
+// 0.9997.
+constexpr int kMaxNumTrials = 300;
+// Bounds of the refinement before its last round, in units of max_error_px. An
+// interpolated motion is wrong by about a degree.
+constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0};
+// Loss scale, relative to the bound: that of RANSAC (geometry/absolute_pose.h).
+constexpr double kRefinementLossScale = 0.5;
+// The same depth within a factor of 1.5, however certain both are.
+const double kLogDepthTolerance = std::log(1.5);
+
+// One image pair, from the image with the points to that with the rays.
+struct DirectedPair {
+  int from = 0, to = 0;
+  bool is_reversed = false;  // `from` is the second image
+};
+
+// The points and rays of one pair.
+CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
+                               const DirectedPair& images,
+                               double max_error_px) {
+  const Scene& scene = input.scene;
+  const FrameDepths& depths = input.depths;
+  const auto& source_from_rig =
+      depths.cam_from_rig[scene.images[images.from].sensor_idx];
+  const auto& cam_from_rig =
+      depths.cam_from_rig[scene.images[images.to].sensor_idx];
+  CameraPoints points;
+  if (!cam_from_rig || !source_from_rig) return points;
+  const Camera& camera = scene.cameras[scene.images[images.to].camera_idx];
+  points.cam_from_unit = *cam_from_rig;
+  points.max_error_rad =
+      max_error_px / PixelsPerRadian(camera.model, camera.params.data());
+  const Rigid3 rig_from_source = source_from_rig->Inverse();
+  for (const Match& match : pair.matches) {
+    int source = static_cast<int>(match.keypoint_idx1);
+    int target = static_cast<int>(match.keypoint_idx2);
+    if (images.is_reversed) std::swap(source, target);
+    if (!depths.IsKnown(images.from, source) ||
+        !input.bearings.HasRay(images.to, target)) {
+      continue;
+    }
+    const Vector3d in_source = *depths.distances[images.from][source] *
+                               input.bearings.Ray(images.from, source);
+    points.points.push_back(rig_from_source * in_source);
+    points.rays.push_back(input.bearings.Ray(images.to, target));
+    points.depth_sigmas.emplace_back(depths.RelativeSigma(images.from, source) *
+                                     (rig_from_source.rotation * in_source));
+  }
+  return points;
+}
+
+size_t CountRays(const std::vector<CameraPoints>& cameras) {
+  size_t num_rays = 0;
+  for (const CameraPoints& camera : cameras) num_rays += camera.size();
+  return num_rays;
+}
+
+// The points of one frame and their rays in the other one.
+struct Correspondences {
+  std::vector<CameraPoints> cameras;
+  bool has_later_points = false;
+
+  // The pose that they determine is that of the other frame.
+  Rigid3 ToMotion(const Rigid3& pose) const {
+    return has_later_points ? pose.Inverse() : pose;
+  }
+};
+
+Correspondences Collect(const FrameMatches& input, bool has_later_points,
+                        double max_error_px) {
+  Correspondences collected{{}, has_later_points};
+  for (const size_t i : input.pair_idxs) {
+    const ImagePair& pair = input.view_graph.pairs[i];
+    const bool is_first_earlier =
+        input.scene.images[pair.image_idx1].frame_idx ==
+        input.earlier_frame_idx;
+    DirectedPair images{pair.image_idx1, pair.image_idx2,
+                        is_first_earlier == has_later_points};
+    if (images.is_reversed) std::swap(images.from, images.to);
+    CameraPoints points = CorrespondencesOf(input, pair, images, max_error_px);
+    if (points.size() > 0) collected.cameras.push_back(std::move(points));
+  }
+  return collected;
+}
+
+// The correspondences with the points of whichever frame has more.
+Correspondences CollectMost(const FrameMatches& input, double max_error_px) {
+  Correspondences earlier = Collect(input, false, max_error_px);
+  Correspondences later = Collect(input, true, max_error_px);
+  return CountRays(later.cameras) > CountRays(earlier.cameras)
+             ? std::move(later)
+             : std::move(earlier);
+}
+
+// Keeps the rays that agree with a pose within a bound, or only the others.
+void KeepRays(const Rigid3& unit_from_world, double bound, bool keep_agreeing,
+              std::vector<CameraPoints>* cameras) {
+  const std::vector<double> errors =
+      AbsolutePoseErrors(*cameras, unit_from_world);
+  size_t k = 0;
+  for (CameraPoints& camera : *cameras) {
+    size_t num_kept = 0;
+    for (size_t i = 0; i < camera.size(); ++i, ++k) {
+      if ((errors[k] <= bound) != keep_agreeing) continue;
+      camera.rays[num_kept] = camera.rays[i];
+      camera.depth_sigmas[num_kept] = camera.depth_sigmas[i];
+      camera.points[num_kept++] = camera.points[i];
+    }
+    camera.rays.resize(num_kept);
+    camera.points.resize(num_kept);
+    camera.depth_sigmas.resize(num_kept);
+  }
+}
+
+// Per motion: the points that agree with it and with no other.
+std::vector<std::vector<Vector3d>> FindOwnPoints(
+    const Correspondences& all, const std::vector<RigMotion>& motions) {
+  std::vector<Vector3d> points;
+  for (const CameraPoints& camera : all.cameras) {
+    points.insert(points.end(), camera.points.begin(), camera.points.end());
+  }
+  std::vector<int> num_agreeing(points.size(), 0);
+  std::vector<Mask> agree;
+  for (const RigMotion& motion : motions) {
+    const std::vector<double> errors = AbsolutePoseErrors(
+        all.cameras, all.ToMotion(motion.measured.later_from_earlier));
+    agree.emplace_back(points.size(), false);
+    for (size_t k = 0; k < points.size(); ++k) {
+      agree.back()[k] = errors[k] <= 1.0;
+      num_agreeing[k] += agree.back()[k] ? 1 : 0;
+    }
+  }
+  std::vector<std::vector<Vector3d>> own(motions.size());
+  for (size_t h = 0; h < motions.size(); ++h) {
+    for (size_t k = 0; k < points.size(); ++k) {
+      if (agree[h][k] && num_agreeing[k] == 1) own[h].push_back(points[k]);
+    }
+  }
+  return own;
+}
+
+// The motion of a pose, with the noise that the median error of its inliers
+// tells.
+MeasuredMotion MeasureMotion(const Correspondences& all, const Rigid3& pose) {
+  std::vector<CameraPoints> inliers = all.cameras;
+  KeepRays(pose, 1.0, /*keep_agreeing=*/true, &inliers);
+  const double sigma =
+      std::max(RobustSigma<2>(AbsolutePoseErrors(inliers, pose)),
+               std::numeric_limits<double>::epsilon());
+  return MeasuredMotionOf(pose, AbsolutePoseCovariance(inliers, sigma, pose),
+                          all.has_later_points);
+}
+
+double MedianDistance(const std::vector<Vector3d>& points,
+                      const Vector3d& center) {
+  std::vector<double> distances;
+  for (const Vector3d& point : points) {
+    distances.push_back((point - center).norm());
+  }
+  return Median(std::move(distances));
+}
+
+double ReachOf(const std::vector<Vector3d>& points) {
+  return std::sqrt(MedianDistance(points, Vector3d::Zero()) *
+                   MedianDistance(points, MedianOfCoordinates(points)));
+}
+
+void MeasureReach(const Correspondences& all, std::vector<RigMotion>* motions) {
+  if (motions->size() < 2) return;
+  const auto own_points = FindOwnPoints(all, *motions);
+  for (size_t h = 0; h < motions->size(); ++h) {
+    if (own_points[h].size() < kMinNumAgreeing) continue;
+    const double reach = ReachOf(own_points[h]);
+    if (reach > 0.0) (*motions)[h].reach = reach;
+  }
+}
+
+// Without a baseline, the rays must coincide.
+bool IsOnEpipolarLine(const Rigid3& cam2_from_cam1, const Vector3d& ray1,
+                      const Vector3d& ray2, double tolerance_rad) {
+  const double length = cam2_from_cam1.translation.norm();
+  if (length == 0.0) {
+    return IsRotationInlier(cam2_from_cam1.rotation, ray1, ray2, tolerance_rad);
+  }
+  return IsInlier(
+      {cam2_from_cam1.rotation, cam2_from_cam1.translation / length}, ray1,
+      ray2, tolerance_rad);
+}
+
+bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
+                     const Vector3d& ray_b, double distance_a,
+                     double relative_sigma, double tolerance_rad) {
+  const Vector3d turned = b_from_a.rotation * ray_a;
+  const Vector3d& t = b_from_a.translation;
+  if (IsRayInlier(distance_a * turned + t, relative_sigma * distance_a * turned,
+                  ray_b, tolerance_rad)) {
+    return true;
+  }
+  // The distance to the intersection, by the areas of two triangles.
+  const double area_by_baseline = t.cross(ray_b).norm();
+  const double area = turned.cross(ray_b).norm();
+  return area_by_baseline > 0.0 && area > 0.0 &&
+         std::abs(std::log(area_by_baseline / area / distance_a)) <
+             kLogDepthTolerance;
+}
+
+}  // namespace
+
+std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
+                                      double max_error_px, Random random) {
+  const Correspondences all = CollectMost(matches, max_error_px);
+  const auto num_all = static_cast<double>(CountRays(all.cameras));
+  RansacOptions ransac;
+  ransac.max_num_trials = kMaxNumTrials;
+  std::vector<RigMotion> motions;
+  std::vector<CameraPoints> remaining = all.cameras;
+  while (motions.size() < kMaxNumMotions &&
+         static_cast<double>(CountRays(remaining)) >=
+             std::max<double>(kMinNumAgreeing, kMinRemainingShare * num_all)) {
+    const auto pose = EstimateAbsolutePose(remaining, ransac, &random);
+    if (!pose) break;
+    const int num_own = ScoreAbsolutePose(remaining, *pose).num_inliers;
+    if (num_own < static_cast<int>(kMinNumAgreeing) ||
+        num_own < kMinOwnShare * num_all) {
+      break;
+    }
+    motions.push_back(
+        {MeasureMotion(all, *pose),
+         ScoreAbsolutePose(all.cameras, *pose).num_inliers / num_all,
+         num_own / num_all});
+    KeepRays(*pose, 1.0, /*keep_agreeing=*/false, &remaining);
+  }
+  MeasureReach(all, &motions);
+  return motions;
+}
+
+std::optional<MeasuredMotion> RefineRigMotion(
+    const FrameMatches& matches, double max_error_px,
+    const Rigid3& later_from_earlier) {
+  const Correspondences all = CollectMost(matches, max_error_px);
+  Rigid3 pose = all.ToMotion(later_from_earlier);
+  const auto refine = [&](double bound, auto&& minimize) {
+    std::vector<CameraPoints> near = all.cameras;
+    KeepRays(pose, bound, /*keep_agreeing=*/true, &near);
+    if (CountRays(near) < kMinNumAgreeing) return false;
+    minimize(near, kRefinementLossScale * bound, &pose);
+    return true;
+  };
+  for (const double bound : kRefinementBounds) {
+    if (!refine(bound, ImproveAbsolutePose)) return std::nullopt;
+  }
+  if (!refine(1.0, RefineAbsolutePose)) return std::nullopt;
+  if (ScoreAbsolutePose(all.cameras, pose).num_inliers <
+      static_cast<int>(kMinNumAgreeing)) {
+    return std::nullopt;
+  }
+  return MeasureMotion(all, pose);
+}
+
+MatchVerdict CompareWithMotion(const Bearings& bearings,
+                               const FrameDepths& depths, const ImagePair& pair,
+                               const Match& match, const Rigid3& cam2_from_cam1,
+                               double tolerance_rad) {
+  const auto k1 = static_cast<int>(match.keypoint_idx1);
+  const auto k2 = static_cast<int>(match.keypoint_idx2);
+  if (!bearings.HasRay(pair.image_idx1, k1) ||
+      !bearings.HasRay(pair.image_idx2, k2)) {
+    return MatchVerdict::kContradicts;
+  }
+  const Vector3d& ray1 = bearings.Ray(pair.image_idx1, k1);
+  const Vector3d& ray2 = bearings.Ray(pair.image_idx2, k2);
+  if (!IsOnEpipolarLine(cam2_from_cam1, ray1, ray2, tolerance_rad)) {
+    return MatchVerdict::kContradicts;
+  }
+  const bool is_known1 = depths.IsKnown(pair.image_idx1, k1);
+  const bool is_known2 = depths.IsKnown(pair.image_idx2, k2);
+  if (is_known1 && !AgreesWithDepth(cam2_from_cam1, ray1, ray2,
+                                    *depths.distances[pair.image_idx1][k1],
+                                    depths.RelativeSigma(pair.image_idx1, k1),
+                                    tolerance_rad)) {
+    return MatchVerdict::kContradicts;
+  }
+  if (is_known2 && !AgreesWithDepth(cam2_from_cam1.Inverse(), ray2, ray1,
+                                    *depths.distances[pair.image_idx2][k2],
+                                    depths.RelativeSigma(pair.image_idx2, k2),
+                                    tolerance_rad)) {
+    return MatchVerdict::kContradicts;
+  }
+  return is_known1 || is_known2 ? MatchVerdict::kAgrees
+                                : MatchVerdict::kIsOnEpipolarLine;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "base/random.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "moving_objects/motion_continuity.h"
+
+namespace mgsfm {
+
+// The motions of a rig between two frames that their matches support.
+//
+// Matches between two frames show the static scene, vehicles, and structures
+// that look alike. The relative pose of one image pair cannot tell them apart:
+// a vehicle ahead moves along the epipolar lines of the scene. Depths from
+// pairs within a frame can. A keypoint with a known depth is a 3D point of one
+// frame, and its match a ray of the other. Each motion is the generalized
+// resection (geometry/absolute_pose.h) with the most inliers over the cameras
+// of the rig,
+//
+//   max_(R,t) #{ m : angle(R p_m + t, f_m) <= max_error },
+//
+// where errors along the epipolar line count relative to the standard deviation
+// of the depth (geometry/absolute_pose.h): far points are as uncertain as they
+// are numerous, and would otherwise bend the motion. The search is repeated
+// among the correspondences that no earlier motion explains. The first motion
+// is not more credible than the others: a lorry may have more keypoints than
+// the street. But it hides the street behind it and is smaller, so that the
+// reach of its points tells more than their number. motion_continuity.h
+// decides.
+//
+// Cost: RANSAC on a few hundred correspondences per motion.
+
+// What pairs within frames tell about cameras and keypoints, in one unit of
+// length.
+struct FrameDepths {
+  // Per sensor; nullopt if no pair within a frame connects it with the others.
+  std::vector<std::optional<Rigid3>> cam_from_rig;
+  // Per image and keypoint: distance along the ray. Empty for images without.
+  std::vector<std::vector<std::optional<double>>> distances;
+  // Standard deviations of the distances, relative to them. Empty if they are
+  // exact.
+  std::vector<std::vector<double>> relative_sigmas;
+
+  bool IsKnown(int image_idx, int keypoint_idx) const {
+    return !distances[image_idx].empty() &&
+           distances[image_idx][keypoint_idx].has_value();
+  }
+  double RelativeSigma(int image_idx, int keypoint_idx) const {
+    return relative_sigmas.empty() ? 0.0
+                                   : relative_sigmas[image_idx][keypoint_idx];
+  }
+};
+
+// The matches of the image pairs of two frames.
+struct FrameMatches {
+  const Scene& scene;
+  const Bearings& bearings;
+  const ViewGraph& view_graph;
+  const FrameDepths& depths;
+  int earlier_frame_idx = 0;
+  const std::vector<size_t>& pair_idxs;  // not empty
+};
+
+struct RigMotion {
+  MeasuredMotion measured;  // rig frames
+  // Shares of the correspondences with depth: those that agree, and those that
+  // agree with this motion but with none found before it.
+  double share = 0.0;
+  double own_share = 0.0;
+  // Distance and spread of the points that agree with this motion only, in the
+  // unit of the depths: the geometric mean of their median distances from the
+  // rig and from their coordinate-wise median. nullopt if there is no other
+  // motion, or if there are too few points or all coincide.
+  std::optional<double> reach = {};
+};
+
+// Returns at most three motions, and none without depths.
+[[nodiscard]] std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
+                                                    double max_error_px,
+                                                    Random random);
+
+// The motion near `later_from_earlier` that the correspondences support, by
+// robust least squares within a bound that shrinks to max_error_px. nullopt if
+// too few agree.
+[[nodiscard]] std::optional<MeasuredMotion> RefineRigMotion(
+    const FrameMatches& matches, double max_error_px,
+    const Rigid3& later_from_earlier);
+
+// Compares a match with the relative pose of its images, in the unit of the
+// depths: by the epipolar constraint and by those depths that are known, within
+// their standard deviations. A depth also agrees if the intersection of both
+// rays has the same one up to a factor of 1.5: errors of the places of sensors
+// and of the motion are not part of its standard deviation.
+enum class MatchVerdict {
+  kContradicts,
+  kIsOnEpipolarLine,  // no depth is known: it may still move
+  kAgrees,
+};
+[[nodiscard]] MatchVerdict CompareWithMotion(
+    const Bearings& bearings, const FrameDepths& depths, const ImagePair& pair,
+    const Match& match, const Rigid3& cam2_from_cam1, double tolerance_rad);
+
+}  // namespace mgsfm

@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "rotation_averaging/rotation_estimation.h"
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "geometry/so3.h"
+#include "pair_filtering/contested_cuts.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/rotation_consistency.h"
+#include "pair_filtering/skeletal_graph.h"
+#include "pair_filtering/unsupported_bridges.h"
+#include "rotation_averaging/rotation_components.h"
+
+namespace mgsfm {
+namespace {
+
+Mask Not(const Mask& mask) {
+  Mask opposite;
+  opposite.reserve(mask.size());
+  for (const bool value : mask) opposite.push_back(!value);
+  return opposite;
+}
+
+Mask PairsWithRelativePose(const ViewGraph& view_graph) {
+  Mask has_relative_pose(view_graph.pairs.size());
+  for (size_t i = 0; i < has_relative_pose.size(); ++i) {
+    has_relative_pose[i] = view_graph.pairs[i].relative_pose.has_value();
+  }
+  return has_relative_pose;
+}
+
+EstimatedRotations NothingToAverage(const RotationInput& input,
+                                    PairVerdicts verdicts,
+                                    const Context& context) {
+  const Scene& scene = input.scene;
+  const size_t num_pairs = input.view_graph.pairs.size();
+  context.Warning("None of the " + std::to_string(num_pairs) +
+                  " image pairs has a relative pose: there are no rotations to "
+                  "average.");
+  EstimatedRotations result;
+  result.verdicts = std::move(verdicts);
+  RotationEstimate& estimate = result.estimate;
+  estimate.rig_from_world.resize(scene.frames.size());
+  estimate.component.resize(scene.frames.size());
+  estimate.pair_is_inlier.resize(num_pairs);
+  for (const Sensor& sensor : scene.sensors) {
+    estimate.sensor_from_rig.emplace_back();
+    result.summary.sensors.emplace_back();
+    SensorRotationSummary& summary = result.summary.sensors.back();
+    summary.is_observable = sensor.sensor_from_rig.has_value();
+    summary.message =
+        summary.is_observable ? "known" : "no image pair has a relative pose";
+    if (!sensor.sensor_from_rig) continue;
+    estimate.sensor_from_rig.back() =
+        ToUnitQuaternion(sensor.sensor_from_rig->rotation);
+  }
+  result.summary.num_pairs_without_rotation = static_cast<int>(num_pairs);
+  return result;
+}
+
+// Rotations by the pairs of a skeletal graph alone. They are only a start, so
+// their warnings and progress would mislead.
+RotationEstimate AverageSkeleton(const RotationInput& input,
+                                 const Mask& is_in_skeleton,
+                                 const RotationAveragingOptions& options,
+                                 const Context& context) {
+  Context quiet = context;
+  quiet.log = nullptr;
+  quiet.progress = nullptr;
+  return AverageRotations({input.scene, input.view_graph, is_in_skeleton},
+                          options, quiet)
+      .estimate;
+}
+
+void LogBridges(const Scene& scene, const ViewGraph& view_graph,
+                const Mask& is_bridge, const Context& context) {
+  for (size_t i = 0; i < is_bridge.size(); ++i) {
+    if (!is_bridge[i]) continue;
+    const ImagePair& pair = view_graph.pairs[i];
+    context.Info("The pair of images '" + scene.images[pair.image_idx1].name +
+                 "' and '" + scene.images[pair.image_idx2].name +
+                 "' is rejected: it alone would connect two components of "
+                 "frames, no third image supports its matches, and other "
+                 "pairs contradict it. The components stay apart.");
+  }
+}
+
+Mask PairsWithUnknownSensor(const Scene& scene, const ViewGraph& view_graph,
+                            const RotationEstimate& estimate) {
+  const auto is_unknown = [&](int image_idx) {
+    return !estimate.sensor_from_rig[scene.images[image_idx].sensor_idx];
+  };
+  Mask has_unknown(view_graph.pairs.size());
+  for (size_t i = 0; i < has_unknown.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    has_unknown[i] = is_unknown(pair.image_idx1) || is_unknown(pair.image_idx2);
+  }
+  return has_unknown;
+}
+
+// The reasons of pairs that no filter rejected but the estimate does not keep.
+void RejectByEstimate(const FramePairIndex& index,
+                      const RotationEstimate& estimate,
+                      PairVerdicts* verdicts) {
+  for (size_t i = 0; i < verdicts->size(); ++i) {
+    if ((*verdicts)[i] || estimate.pair_is_inlier[i]) continue;
+    const auto& component1 = estimate.component[index.Of(i).frame_idx1];
+    const auto& component2 = estimate.component[index.Of(i).frame_idx2];
+    (*verdicts)[i] =
+        !component1 || !component2   ? RejectionReason::kFrameWithoutRotation
+        : *component1 != *component2 ? RejectionReason::kDifferentComponents
+                                     : RejectionReason::kInconsistentRotation;
+  }
+}
+
+struct AveragedRotations {
+  RotationResult result;
+  std::optional<std::string> gravity_rejection;
+};
+
+// Gravity priors that contradict the pairs are ignored.
+AveragedRotations AverageWithGravity(const RotationInput& input,
+                                     const Mask& is_used,
+                                     const RotationEstimate* start,
+                                     const RotationAveragingOptions& options,
+                                     const Context& context) {
+  // Gravity with noise of 5 degrees and 30 % of outliers keeps all pairs;
+  // constant wrong gravity keeps 85 % (docs/results/constants.md).
+  constexpr double kMinKeptShare = 0.95;
+  const auto average = [&](const GravityPriors& gravity) {
+    return AverageRotations(
+        {input.scene, input.view_graph, is_used, start, gravity}, options,
+        context);
+  };
+  const auto num_kept = [](const RotationResult& result) {
+    return static_cast<double>(result.estimate.pair_is_inlier.Count());
+  };
+  AveragedRotations averaged{average(input.gravity), std::nullopt};
+  if (input.gravity.IsEmpty() ||
+      num_kept(averaged.result) >=
+          kMinKeptShare * static_cast<double>(is_used.Count())) {
+    return averaged;
+  }
+  RotationResult without = average(kNoGravity);
+  if (num_kept(averaged.result) >= kMinKeptShare * num_kept(without)) {
+    return averaged;
+  }
+  averaged.gravity_rejection =
+      "the directions of gravity contradict " +
+      std::to_string(
+          static_cast<int>(num_kept(without) - num_kept(averaged.result))) +
+      " image pairs that agree with each other; they are ignored";
+  averaged.result = std::move(without);
+  return averaged;
+}
+
+// The start of averaging, and the pairs that it rejects.
+struct SkeletonResult {
+  std::optional<RotationEstimate> start;
+  Mask is_in_skeleton;
+  Mask is_beyond_drift_bound;
+};
+
+SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
+                                const RotationOptions& options,
+                                const Context& context) {
+  const PairFilteringOptions& filtering = options.filtering;
+  SkeletonResult result{std::nullopt, Mask(is_used.size(), false),
+                        Mask(is_used.size(), false)};
+  if (!filtering.use_skeletal_graph) return result;
+  result.is_in_skeleton = SelectSkeletalGraph(
+      input.index, input.view_graph, is_used, filtering, context.num_threads);
+  result.start =
+      AverageSkeleton(input, result.is_in_skeleton, options.averaging, context);
+  if (filtering.use_rotation_consistency) {
+    result.is_beyond_drift_bound = FindInconsistentRotations(
+        input.scene, input.index, input.view_graph, is_used,
+        result.is_in_skeleton, *result.start, filtering);
+  }
+  return result;
+}
+
+Mask FindBridges(const RotationInput& input, const Mask& pair_is_inlier,
+                 const PairFilteringOptions& filtering,
+                 const Context& context) {
+  if (!filtering.use_unsupported_bridges) {
+    return Mask(pair_is_inlier.size(), false);
+  }
+  Mask is_bridge =
+      FindUnsupportedBridges(input.index, input.view_graph, pair_is_inlier,
+                             filtering, context.num_threads);
+  LogBridges(input.scene, input.view_graph, is_bridge, context);
+  return is_bridge;
+}
+
+// Rejects the pairs that contradict the motion of the rig, if it is known, and
+// the loop pairs that would join parts by themselves.
+void RejectByMotion(const RotationInput& input, Mask* is_used,
+                    PairVerdicts* verdicts) {
+  if (input.pair_is_discontinuous.empty()) return;
+  is_used->Remove(input.pair_is_discontinuous);
+  Reject(input.pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
+         verdicts);
+  const Mask is_loop_across = FindLoopsAcrossContestedCuts(
+      input.index, *is_used, input.pair_is_discontinuous,
+      input.loop_contradicts_path);
+  is_used->Remove(is_loop_across);
+  Reject(is_loop_across, RejectionReason::kUnsupportedBridge, verdicts);
+}
+
+}  // namespace
+
+EstimatedRotations EstimateRotations(const RotationInput& input,
+                                     const RotationOptions& options,
+                                     const Context& context) {
+  const Scene& scene = input.scene;
+  const ViewGraph& view_graph = input.view_graph;
+  EstimatedRotations result;
+  result.verdicts.resize(view_graph.pairs.size());
+  Mask is_used = PairsWithRelativePose(view_graph);
+  Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
+  RejectByMotion(input, &is_used, &result.verdicts);
+  if (!is_used.Any()) {
+    return NothingToAverage(input, std::move(result.verdicts), context);
+  }
+  const SkeletonResult skeleton =
+      FilterBySkeleton(input, is_used, options, context);
+  is_used.Remove(skeleton.is_beyond_drift_bound);
+  AveragedRotations averaged = AverageWithGravity(
+      input, is_used, skeleton.start ? &*skeleton.start : nullptr,
+      options.averaging, context);
+  result.gravity_rejection = std::move(averaged.gravity_rejection);
+  Mask is_kept = averaged.result.estimate.pair_is_inlier;
+  const Mask is_bridge =
+      FindBridges(input, is_kept, options.filtering, context);
+  is_kept.Remove(is_bridge);
+  result.estimate = RestrictToPairs(scene, view_graph, is_kept,
+                                    std::move(averaged.result.estimate));
+  result.summary = std::move(averaged.result.summary);
+  SummarizeEstimate(scene, view_graph, result.estimate,
+                    result.gravity_rejection ? kNoGravity : input.gravity,
+                    options.averaging, &result.summary);
+  result.summary.num_unsupported_bridges = static_cast<int>(is_bridge.Count());
+
+  Reject(PairsWithUnknownSensor(scene, view_graph, result.estimate),
+         RejectionReason::kUnknownSensorRotation, &result.verdicts);
+  Reject(skeleton.is_beyond_drift_bound,
+         RejectionReason::kRotationBeyondDriftBound, &result.verdicts);
+  Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
+  RejectByEstimate(input.index, result.estimate, &result.verdicts);
+  return result;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/rotation_averaging/rotation_averaging.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/priors.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "pair_filtering/frame_pair_index.h"
+
+namespace mgsfm {
+
+struct RotationInput {
+  const Scene& scene;
+  const ViewGraph& view_graph;
+  const FramePairIndex& index;  // of the view graph
+  const GravityPriors& gravity = kNoGravity;
+  // Per pair; empty: none.
+  Mask pair_is_discontinuous = {};
+  Mask loop_contradicts_path = {};
+};
+
+struct RotationOptions {
+  const RotationAveragingOptions& averaging;
+  const PairFilteringOptions& filtering;
+};
+
+struct EstimatedRotations {
+  RotationEstimate estimate;
+  RotationSummary summary;
+  PairVerdicts verdicts;  // per pair; nullopt for the inliers of the estimate
+  // Why gravity priors were not used; nullopt if they were.
+  std::optional<std::string> gravity_rejection;
+};
+
+// Rotations that resist duplicate structures: rotation averaging
+// (mgsfm/rotation_averaging/rotation_averaging.h) and the rules of
+// mgsfm/pair_filtering/pair_filtering.h on rotations, in this order:
+//
+//   skeletal graph -> average its pairs -> reject pairs beyond its drift bound
+//   -> average the others, from the rotations of the skeletal graph
+//   -> reject unsupported bridges -> number components.
+//
+// Gravity priors take part in the second averaging only. They are rejected if
+// they cost more than 5 % of the pairs that agree without them: wrong priors
+// would disconnect the frames. Without any relative
+// pose the estimate contains nothing but known sensors, and a warning says so.
+// Pairs that contradict the motion of the rig (moving_objects.h) are rejected
+// first, and loop pairs that contradict it do not join parts.
+[[nodiscard]] EstimatedRotations EstimateRotations(
+    const RotationInput& input, const RotationOptions& options,
+    const Context& context);
+
+}  // namespace mgsfm

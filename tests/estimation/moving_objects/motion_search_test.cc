@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/motion_search.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "base/random.h"
+#include "geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+constexpr size_t kNumSteps = 12;
+
+Rigid3 Forward(double length) {
+  return Rigid3::FromRotationAndCenter(Quaterniond::Identity(),
+                                       {0.0, 0.0, length});
+}
+
+// Each step has three motions of known distance. One is smooth.
+std::vector<StepHypotheses> RandomSteps(int seed) {
+  Random random(static_cast<uint64_t>(seed));
+  std::vector<StepHypotheses> steps(kNumSteps);
+  for (StepHypotheses& step : steps) {
+    for (int h = 0; h < 3; ++h) {
+      const double share = random.Uniform(0.05, 0.9);
+      const double length =
+          h == 0 ? random.Uniform(1.4, 1.6) : random.Uniform(0.5, 3.0);
+      step.push_back({Forward(length), share, share});
+    }
+  }
+  return steps;
+}
+
+Steps MakeRegularSteps(const std::vector<StepHypotheses>& hypotheses) {
+  return MakeSteps(hypotheses, std::vector<double>(hypotheses.size(), 1.0));
+}
+
+// The margin of a step is the rise of the cost without its motion and all that
+// are similar. No step may be skipped.
+TEST(MotionSearchTest, MarginsAreTheCostOfTheNextBestMotion) {
+  const Mask is_doubtful(kNumSteps, false);
+  for (int seed = 1; seed <= 10; ++seed) {
+    const Steps steps = MakeRegularSteps(RandomSteps(seed));
+    const MotionChoice best = ChooseMotions(steps, is_doubtful);
+    for (size_t k = 0; k < kNumSteps; ++k) {
+      ASSERT_TRUE(best.motions[k].has_value());
+      Steps others = steps;
+      std::vector<Candidate>& step = others.candidates[k];
+      const auto is_similar = [&](const Candidate& candidate) {
+        return AreEqualMotions({candidate.later_from_earlier},
+                               {best.motions[k]->candidate.later_from_earlier},
+                               steps.noise, 2.0);
+      };
+      step.erase(std::remove_if(step.begin(), step.end(), is_similar),
+                 step.end());
+      if (step.empty()) {
+        EXPECT_TRUE(std::isinf(best.margins[k]));
+        continue;
+      }
+      const MotionChoice next = ChooseMotions(others, is_doubtful);
+      EXPECT_NEAR(best.margins[k], next.cost - best.cost, 1e-9);
+    }
+  }
+}
+
+// Forwards and backwards, a drive has the same motions and margins.
+TEST(MotionSearchTest, MarginsDoNotDependOnTheDirectionOfTime) {
+  std::vector<StepHypotheses> forward = RandomSteps(5);
+  std::vector<StepHypotheses> backward(forward.rbegin(), forward.rend());
+  const Mask is_doubtful(kNumSteps, true);
+  const MotionChoice a = ChooseMotions(MakeRegularSteps(forward), is_doubtful);
+  const MotionChoice b = ChooseMotions(MakeRegularSteps(backward), is_doubtful);
+  EXPECT_NEAR(a.cost, b.cost, 1e-9);
+  for (size_t k = 0; k < kNumSteps; ++k) {
+    const double of_backward = b.margins[kNumSteps - 1 - k];
+    EXPECT_TRUE(a.margins[k] == of_backward ||
+                std::abs(a.margins[k] - of_backward) < 1e-9)
+        << k << ": " << a.margins[k] << " " << of_backward;
+  }
+}
+
+TEST(MotionSearchTest, AMotionWithoutRivalHasAnInfiniteMargin) {
+  const std::vector<StepHypotheses> hypotheses(
+      kNumSteps, StepHypotheses{{Forward(1.0), 0.9, 0.9}});
+  const MotionChoice choice =
+      ChooseMotions(MakeRegularSteps(hypotheses), Mask(kNumSteps, true));
+  for (size_t k = 0; k < kNumSteps; ++k) {
+    EXPECT_TRUE(choice.motions[k].has_value());
+    EXPECT_TRUE(std::isinf(choice.margins[k]));
+  }
+}
+
+// Only motions that differ and have enough matches are compared.
+TEST(MotionCandidatesTest, NearnessIsRelativeToTheFarthestRival) {
+  const std::vector<StepHypotheses> hypotheses{
+      {{Forward(1.0), 0.4, 0.4, {}, 12.0},
+       {Forward(0.1), 0.3, 0.3, {}, 3.0},
+       {Forward(0.5), 0.1, 0.1, {}, 50.0},   // few matches
+       {Forward(1.05), 0.2, 0.2, {}, 20.0},  // equal to the first
+       {Forward(0.7), 0.2, 0.2},             // unknown
+       {Forward(0.0), 0.2, 0.2, Vector3d::UnitZ().eval()}}};
+  const Steps steps = MakeRegularSteps(hypotheses);
+  ASSERT_EQ(steps.candidates[0].size(), 6u);
+  const auto nearness = [&](size_t h) {
+    return steps.candidates[0][h].nearness;
+  };
+  EXPECT_EQ(nearness(0), 0.0);
+  EXPECT_DOUBLE_EQ(nearness(1), std::log(20.0 / 3.0));
+  EXPECT_EQ(nearness(2), 0.0);
+  EXPECT_DOUBLE_EQ(nearness(3), 0.0);
+  EXPECT_EQ(nearness(4), 0.0);
+  // Agrees with all directions, and so with that of the scene.
+  ASSERT_TRUE(steps.candidates[0][5].free_direction.has_value());
+  EXPECT_EQ(nearness(5), 0.0);
+}
+
+// A camera that sees a lorry ahead in a turn has its direction.
+TEST(MotionCandidatesTest, PairsAreAsNearAsTheMotionThatTheyAgreeWith) {
+  const Rigid3 of_lorry = Rigid3::FromRotationAndCenter(
+      ExpSO3({0.0, DegToRad(4.0), 0.0}), {0.0, 0.0, 1.0});
+  const std::vector<StepHypotheses> hypotheses{
+      {{Forward(1.0), 0.4, 0.4, {}, 12.0},
+       {of_lorry, 0.4, 0.4, {}, 3.0},
+       {{of_lorry.rotation, Vector3d::Zero()},
+        0.7,
+        0.7,
+        Vector3d::UnitZ().eval()}}};
+  const Steps steps = MakeRegularSteps(hypotheses);
+  ASSERT_EQ(steps.candidates[0].size(), 3u);
+  EXPECT_DOUBLE_EQ(steps.candidates[0][2].nearness, std::log(12.0 / 3.0));
+}
+
+// Two images of a camera, with disjoint errors, and correspondences with depth.
+TEST(MotionCandidatesTest, PairsGiveTheRotationAndDepthsTheDistance) {
+  const auto turned = [](double angle_deg, double length) {
+    return Rigid3::FromRotationAndCenter(
+        ExpSO3({0.0, DegToRad(angle_deg), 0.0}), {0.0, 0.0, length});
+  };
+  const Vector3d left = Vector3d(-0.02, 0.0, 1.0).normalized();
+  const Vector3d right = Vector3d(0.02, 0.0, 1.0).normalized();
+  const Rigid3 by_depth = turned(0.8, 2.0);
+  const std::vector<StepHypotheses> hypotheses{
+      {{by_depth, 0.4, 0.4},
+       {turned(0.1, 0.0), 0.5, 0.5, left},
+       {turned(0.3, 0.0), 0.5, 0.5, right}}};
+  const Steps steps = MakeRegularSteps(hypotheses);
+  ASSERT_EQ(steps.candidates[0].size(), 2u);
+  const Candidate& measured = steps.candidates[0][0];
+  EXPECT_FALSE(measured.free_direction.has_value());
+  EXPECT_LT(AngleBetween(measured.later_from_earlier.rotation,
+                         turned(0.2, 2.0).rotation),
+            1e-9);
+  EXPECT_LT(
+      (measured.later_from_earlier.Center() - Vector3d(0.0, 0.0, 2.0)).norm(),
+      1e-9);
+  EXPECT_DOUBLE_EQ(measured.share, 0.5 * (0.4 + 1.0));
+  ASSERT_TRUE(measured.by_depth.has_value());
+  EXPECT_LT(AngleBetween(measured.by_depth->later_from_earlier.rotation,
+                         by_depth.rotation),
+            1e-12);
+  const Candidate& group = steps.candidates[0][1];
+  ASSERT_TRUE(group.free_direction.has_value());
+  EXPECT_LT((*group.free_direction - Vector3d::UnitZ()).norm(), 1e-9);
+}
+
+}  // namespace
+}  // namespace mgsfm
