@@ -47,24 +47,24 @@ namespace {
 struct AutomaticReconstructorOptions {
   Option<std::string> workspace_path{
       "workspace_path", "", Required(),
-      "Folder for database.db and the models in `sparse`; created if missing. "
-      "Features and matches in its database are reused."};
-  Option<std::string> image_path{
-      "image_path", "",
-      "Folder of images, with one subfolder per camera of the rig."};
+      "Keep database.db and the models in `sparse` in this folder, which is "
+      "created if missing. Features and matches in its database are reused."};
+  Option<std::string> image_path{"image_path", "",
+                                 "Read the images of this folder, with one "
+                                 "subfolder per camera of the rig."};
   Option<std::string> video_path{
       "video_path", "",
-      "Videos instead of images, one per camera of the rig, separated by "
-      "blanks or commas. Images are extracted, as by video_sampler, into the "
-      "folder `videos` of the workspace."};
+      "Use these videos instead of images, one per camera of the rig, "
+      "separated by blanks or commas. Images are extracted, as by "
+      "video_sampler, into the folder `videos` of the workspace."};
   Option<DataType> data_type{
       "data_type", DataType::kVideo,
-      "video: images in temporal order by name; matches neighbors and closes "
-      "loops. individual: matches all pairs of images. panorama, dual_fisheye: "
-      "a video whose images are first split, as by image_splitter, into the "
-      "folder `views` of the workspace."};
+      "Choose the kind of images. video: in temporal order by name; matches "
+      "neighbors and closes loops. individual: matches all pairs of images. "
+      "panorama, dual_fisheye: a video whose images are first split, as by "
+      "image_splitter, into the folder `views` of the workspace."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the models: binary or text."};
+                                    "Write models in binary or text format."};
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};

@@ -27,15 +27,16 @@ namespace {
 struct BundleAdjusterOptions {
   Option<std::string> input_path{
       "input_path", "", Required(),
-      "Folder of the model to adjust, with or without rigs and frames. "
+      "Adjust the model in this folder, with or without rigs and frames. "
       "Intrinsics are fixed unless refine_focal_length or refine_extra_params "
       "is yes; rig extrinsics are fixed if --rig_config_path gives them."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for the adjusted model. An earlier model is replaced when the "
-      "new one is complete; other files stay. May be the input."};
-  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the model: binary or text."};
+      "Write the adjusted model into this folder. An earlier model is replaced "
+      "when the new one is complete; other files stay. May be the input."};
+  Option<ModelFormat> output_format{
+      "output_format", ModelFormat::kBinary,
+      "Write the model in binary or text format."};
   Option<bool> retriangulate{
       "retriangulate", false,
       "Reject outliers and retriangulate all points in rounds, as the mapper "
@@ -44,6 +45,7 @@ struct BundleAdjusterOptions {
       "compute_covariances", false,
       "Write the covariances of rig extrinsics and frame poses to "
       "covariances.csv beside the model."};
+  Option<bool> refine_points{"refine_points", true, "Refine 3D points."};
   SceneLoadingOptions loading;
   BundleAdjustmentOptions bundle_adjustment;
 
@@ -52,6 +54,7 @@ struct BundleAdjusterOptions {
     visit(input_path, output_path, output_format, retriangulate,
           compute_covariances, loading);
     visit.Group("BundleAdjustment", bundle_adjustment);
+    visit.Group("BundleAdjustment", refine_points);
   }
 };
 
@@ -212,8 +215,10 @@ void WriteResult(const ModelScene& input, const Reconstruction& model,
   output->Commit();
 }
 
-CommandResult RunBundleAdjuster(const BundleAdjusterOptions& options,
+CommandResult RunBundleAdjuster(const BundleAdjusterOptions& given,
                                 const Context& context) {
+  BundleAdjusterOptions options = given;
+  options.bundle_adjustment.refine_points = options.refine_points;
   const auto give_up = [&](const std::string& reason) -> CommandResult {
     context.log(LogLevel::kError, "nothing was adjusted: " + reason);
     return kExitNotSolvable;

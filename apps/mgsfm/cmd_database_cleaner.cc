@@ -11,10 +11,10 @@ namespace {
 
 struct DatabaseCleanerOptions {
   Option<std::string> database_path{"database_path", "", Required(),
-                                    "COLMAP database to change."};
+                                    "Change this COLMAP database."};
   Option<std::string> type{
       "type", "", Required(),
-      "Rows to delete: matches (and two-view geometries), features (and "
+      "Delete these rows: matches (and two-view geometries), features (and "
       "matches), images (and features, frames and priors) or all."};
 
   template <class Visitor>

@@ -14,31 +14,33 @@ namespace mgsfm {
 namespace {
 
 struct DatabaseMergerOptions {
-  Option<std::string> database_path1{"database_path1", "",
-                                     "First of two databases, as in COLMAP."};
+  Option<std::string> database_path1{
+      "database_path1", "",
+      "Merge this database with the second one, as in COLMAP."};
   Option<std::string> database_path2{"database_path2", "",
-                                     "Second of two databases."};
+                                     "Merge this database with the first one."};
   Option<std::string> database_path{
       "database_path", "",
-      "Databases to merge, in any order, separated by commas: shards, or "
-      "databases of different images. They are only read."};
+      "Merge these databases, in any order, separated by commas: shards, or "
+      "databases of different images. They are not changed."};
   Option<std::string> database_list_path{
       "database_list_path", "",
-      "File with one database per line: its path and, separated by tabs, "
-      "optionally its image prefix and its vehicle. Set it for many "
-      "databases."};
+      "Read the databases from this file, one per line: its path and, "
+      "separated by tabs, optionally its image prefix and its vehicle. Set it "
+      "for many databases."};
   Option<std::string> image_prefix{
       "image_prefix", "",
-      "A prefix per database for the names of its images, separated by commas, "
-      "as in monday/,tuesday/. Set it if sessions have the same image names."};
+      "Put a prefix per database before the names of its images, separated by "
+      "commas, as in monday/,tuesday/. Set it if sessions have the same image "
+      "names."};
   Option<std::string> vehicle{
       "vehicle", "",
-      "A name per database, separated by commas: databases of one vehicle "
-      "share the cameras of equal folders, and the rig. By default each "
-      "database has cameras of its own."};
+      "Name a vehicle per database, separated by commas: databases of one "
+      "vehicle share the cameras of equal folders, and the rig. By default, "
+      "each database has cameras of its own."};
   Option<std::string> merged_database_path{
       "merged_database_path", "", Required(),
-      "Database to write; it must not exist."};
+      "Write this database, which must not exist."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

@@ -12,10 +12,11 @@ namespace {
 struct FeatureExtractorOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),
-      "COLMAP database to add to; created if missing. Images that have "
-      "features there are skipped."};
-  Option<std::string> image_path{"image_path", "", Required(),
-                                 "Folder of images, searched recursively."};
+      "Add features to this COLMAP database, which is created if missing. "
+      "Images that have features there are skipped."};
+  Option<std::string> image_path{
+      "image_path", "", Required(),
+      "Read the images of this folder and its subfolders."};
   Option<std::string> shard{
       "shard", "",
       "Extract share i of n, as in 3/8, into a database of its own, which "

@@ -12,7 +12,7 @@ namespace {
 struct FeatureImporterOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),
-      "COLMAP database to add to; created if missing."};
+      "Add features to this COLMAP database, which is created if missing."};
   FeatureImportOptions import;
 
   template <class Visitor>

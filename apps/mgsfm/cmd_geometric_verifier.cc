@@ -15,8 +15,8 @@ namespace {
 struct GeometricVerifierOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),
-      "COLMAP database with matches. Adds two-view geometries; pairs that have "
-      "them are skipped."};
+      "Add two-view geometries to this COLMAP database with matches; pairs "
+      "that have them are skipped."};
   Option<std::string> shard = MatchingInputOptions().shard;
   Option<std::string> shard_path = MatchingInputOptions().shard_path;
   Option<std::string> output_pairs_path =

@@ -17,17 +17,19 @@ namespace {
 
 struct ImageDeleterOptions {
   Option<std::string> input_path{"input_path", "", Required(),
-                                 "Folder of the model."};
-  Option<std::string> output_path{"output_path", "", Required(),
-                                  "Folder for the model without the images."};
+                                 "Read the model in this folder."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Write the model without the images into this folder."};
   Option<std::string> image_names_path{
       "image_names_path", "",
-      "Text file with the images to delete, one name per line."};
+      "Delete the images that this text file names, one per line."};
   Option<std::string> image_ids_path{
       "image_ids_path", "",
-      "Text file with the images to delete, one id per line."};
-  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the model: binary or text."};
+      "Delete the images whose ids this text file lists, one per line."};
+  Option<ModelFormat> output_format{
+      "output_format", ModelFormat::kBinary,
+      "Write the model in binary or text format."};
   ToolRigOptions rigs;
 
   template <class Visitor>

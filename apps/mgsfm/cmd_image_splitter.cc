@@ -10,35 +10,35 @@ namespace mgsfm {
 namespace {
 
 struct ImageSplitterOptions {
-  Option<std::string> image_path{"image_path", "", Required(),
-                                 "Folder of images, searched recursively."};
+  Option<std::string> image_path{
+      "image_path", "", Required(),
+      "Read the images of this folder and its subfolders."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for images and, for panoramas, cameras.txt and rig_config.json. "
-      "Images of an interrupted run with the same settings are kept."};
+      "Write images and, for panoramas, cameras.txt and rig_config.json into "
+      "this folder. Images of an interrupted run with the same settings are "
+      "kept."};
   Option<CombinedImages> image_type{
       "image_type", CombinedImages::kPanorama,
-      "panorama: equirectangular images, split into six perspective views. "
-      "dual_fisheye: two square fisheye images side by side, split into left "
-      "and right."};
+      "Choose the kind of images. panorama: equirectangular images, split into "
+      "six perspective views. dual_fisheye: two square fisheye images side by "
+      "side, split into left and right."};
   Option<std::string> image_list_path{
       "image_list_path", "",
-      "File with one image name per line, relative to the image folder. By "
-      "default all images of the folder are used."};
-  Option<std::string> mask_path{
-      "mask_path", "",
-      "Folder of masks of the images, such as pano/a.jpg.png for pano/a.jpg. "
-      "They are split, too."};
+      "Use only the images that this file names, one per line, relative to the "
+      "image folder. By default, all images of the folder are used."};
+  Option<std::string> mask_path{"mask_path", "",
+                                "Split the masks in this folder, too, such as "
+                                "pano/a.jpg.png for pano/a.jpg."};
   Option<std::string> camera_params_path{
       "camera_params_path", "",
-      "File with the intrinsics of ordinary cameras beside the panoramas, in "
-      "the format of ImageReader.camera_params_path."};
+      "Read the intrinsics of ordinary cameras beside the panoramas from this "
+      "file, in the format of ImageReader.camera_params_path."};
   Option<std::string> rig_config_path{
       "rig_config_path", "",
-      "rig_config.json with the known poses of the folders of panoramas, and "
-      "of ordinary cameras, in their rig. Without it, the poses of the views "
-      "of "
-      "all but the first panorama are estimated."};
+      "Read the known poses of the folders of panoramas, and of ordinary "
+      "cameras, in their rig from this rig_config.json. Without it, the poses "
+      "of the views of all but the first panorama are estimated."};
   SplittingOptions splitting;
 
   template <class Visitor>

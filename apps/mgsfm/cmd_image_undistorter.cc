@@ -48,25 +48,26 @@ struct EnumTable<UndistortionLayout> {
 namespace {
 
 struct ImageUndistorterOptions {
-  Option<std::string> image_path{"image_path", "", Required(),
-                                 "Folder of the images of the model."};
+  Option<std::string> image_path{
+      "image_path", "", Required(),
+      "Undistort the images of the model in this folder."};
   Option<std::string> input_path{"input_path", "", Required(),
-                                 "Folder of the model."};
+                                 "Read the model in this folder."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for images, masks and the model. Images of an interrupted run "
-      "with the same settings are kept."};
+      "Write images, masks and the model into this folder. Images of an "
+      "interrupted run with the same settings are kept."};
   Option<UndistortionLayout> output_type{
       "output_type", UndistortionLayout::kColmap,
-      "COLMAP: folders images and sparse. mvs: also COLMAP's folder stereo. "
-      "gaussian_splatting: images without subfolders, sparse/0, centered "
-      "principal points. nerfstudio: transforms.json."};
-  Option<std::string> mask_path{
-      "mask_path", "",
-      "Folder of masks of the original images, such as cam0/a.jpg.png for "
-      "cam0/a.jpg. They are undistorted, too."};
+      "Choose the layout of the output. COLMAP: folders images and sparse. "
+      "mvs: also COLMAP's folder stereo. gaussian_splatting: images without "
+      "subfolders, sparse/0, centered principal points. nerfstudio: "
+      "transforms.json."};
+  Option<std::string> mask_path{"mask_path", "",
+                                "Undistort the masks in this folder, too, such "
+                                "as cam0/a.jpg.png for cam0/a.jpg."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
-                           "Quality of JPEG images; 100 is best."};
+                           "Set the quality of JPEG images; 100 is best."};
   ViewOptions views;
   ToolRigOptions rigs;
 

@@ -11,13 +11,13 @@ namespace {
 
 struct MatchesImporterOptions {
   MatchingInputOptions input;
-  Option<std::string> match_list_path{
-      "match_list_path", "", Required(),
-      "Text file of pairs or matches, see docs/reference/formats.md."};
+  Option<std::string> match_list_path{"match_list_path", "", Required(),
+                                      "Read pairs or matches from this text "
+                                      "file; see docs/reference/formats.md."};
   Option<MatchListType> match_type{
       "match_type", MatchListType::kPairs,
-      "Content of the file: pairs to match, raw matches to verify, or inlier "
-      "matches that are imported as they are."};
+      "Choose the content of the file: pairs to match, raw matches to verify, "
+      "or inlier matches that are imported as they are."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

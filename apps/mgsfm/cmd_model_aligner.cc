@@ -46,9 +46,9 @@ namespace {
 
 struct ModelAlignerOptions {
   Option<std::string> input_path{"input_path", "", Required(),
-                                 "Folder of the model to align."};
+                                 "Align the model in this folder."};
   Option<std::string> output_path{"output_path", "", Required(),
-                                  "Folder for the aligned model."};
+                                  "Write the aligned model into this folder."};
   Option<std::string> ref_images_path{
       "ref_images_path", "",
       "Align to the positions in this file, one line `image_name X Y Z` per "
@@ -60,38 +60,37 @@ struct ModelAlignerOptions {
       "ref_model_path", "", "Align to this model, by images of the same name."};
   Option<AlignmentType> alignment_type{
       "alignment_type", AlignmentType::kCustom,
-      "custom: align to the positions or the model above; GPS becomes meters "
-      "east, north and up of the first position. For GPS positions only: enu, "
-      "the same; ecef, earth-centered; enu-plane, east, north and up of the "
-      "center of the points; enu-plane-unscaled, the same in the unit of the "
-      "model. plane: needs no reference; z is up and the trajectory lies in "
-      "the plane z = 0."};
+      "Choose the world. custom: align to the positions or the model above; "
+      "GPS becomes meters east, north and up of the first position. For GPS "
+      "positions only: enu, the same; ecef, earth-centered; enu-plane, east, "
+      "north and up of the center of the points; enu-plane-unscaled, the same "
+      "in the unit of the model. plane: needs no reference; z is up and the "
+      "trajectory lies in the plane z = 0."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
-      "Minimum number of images that have a reference."};
+      "Require this many images that have a reference."};
   Option<bool> estimate_scale{
       "estimate_scale", true,
-      "Whether to estimate the scale. 0 keeps the unit of the model."};
+      "Estimate the scale. 0 keeps the unit of the model."};
   Option<bool> robust_alignment{
       "robust_alignment", true,
-      "Whether to find the positions that fit the model (RANSAC). 0 aligns to "
-      "all positions by least squares, and accepts any distances."};
+      "Find the positions that fit the model (RANSAC). 0 aligns to all "
+      "positions by least squares, and accepts any distances."};
   Option<double> alignment_max_error{
       "alignment_max_error", 4.0, GreaterThan(0.0), "units of the reference",
-      "Positions, or images of the other model, farther than this from the "
-      "aligned model are outliers. So are images farther than a tenth of the "
-      "extent of the other model."};
+      "Count positions, or images of the other model, within this distance of "
+      "the aligned model as inliers. Images farther than a tenth of the extent "
+      "of the other model are outliers in any case."};
   Option<double> min_inlier_ratio{
       "min_inlier_ratio", kMinAgreeingShare, Between(0.0, 1.0),
-      "Minimum share of the positions, or of the common images of a model, "
-      "that "
-      "are not outliers. With fewer, nothing is written."};
+      "Require this fraction of inliers among the positions, or among the "
+      "common images of a model. With fewer, nothing is written."};
   Option<bool> merge_image_and_ref_origins{
       "merge_image_and_ref_origins", false,
-      "Whether to shift the aligned model such that its first image is exactly "
-      "at its position."};
+      "Shift the aligned model so that its first image is exactly at its "
+      "position."};
   Option<bool> use_prior_gravity{
       "use_prior_gravity", false,
       "Use the gravity directions in the table pose_priors of --database_path: "
@@ -99,8 +98,9 @@ struct ModelAlignerOptions {
   Option<std::string> transform_path{
       "transform_path", "",
       "Write the transform to this file: scale qw qx qy qz tx ty tz."};
-  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the model: binary or text."};
+  Option<ModelFormat> output_format{
+      "output_format", ModelFormat::kBinary,
+      "Write the model in binary or text format."};
   ToolRigOptions rigs;
 
   template <class Visitor>

@@ -12,9 +12,11 @@ namespace mgsfm {
 namespace {
 
 struct ModelAnalyzerOptions {
-  Option<std::string> path{"path", "", "Folder of the model, as in COLMAP."};
-  Option<std::string> input_path{"input_path", "",
-                                 "The same, as in all other commands."};
+  Option<std::string> path{"path", "",
+                           "Analyze the model in this folder, as in COLMAP."};
+  Option<std::string> input_path{
+      "input_path", "",
+      "Analyze the model in this folder, as in all other commands."};
   ToolRigOptions rigs;
 
   template <class Visitor>

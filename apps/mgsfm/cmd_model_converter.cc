@@ -32,46 +32,49 @@ namespace fs = std::filesystem;
 struct ModelConverterOptions {
   Option<std::string> input_path{
       "input_path", "", Required(),
-      "Folder of the model to convert, or a file of another program."};
+      "Convert the model in this folder, or a file of another program."};
   Option<std::string> input_type{
       "input_type", "auto",
-      "auto (a model in a folder; a file by its extension), nvm, bundler, "
-      "nerfstudio (transforms.json), or a trajectory of the reference camera: "
-      "tum, kitti, euroc."};
+      "State the format of the input: auto (a model in a folder; a file by its "
+      "extension), nvm, bundler, nerfstudio (transforms.json), or a trajectory "
+      "of the reference camera: tum, kitti, euroc."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "File to write, or folder for bin, txt and one file per camera. bundler "
-      "appends .bundle.out and .list.txt."};
+      "Write this file, or files into this folder for bin, txt and one file "
+      "per camera. bundler appends .bundle.out and .list.txt."};
   Option<std::string> output_type{
       "output_type", "bin",
-      "bin, txt (COLMAP); ply, nvm, bundler; tum, kitti, euroc (trajectories); "
-      "kalibr, euroc_sensor, ros_tf, ros_launch, camera_info, rig_config "
-      "(calibration); geojson, kml (georeferenced trajectories)."};
+      "Choose the format of the output: bin, txt (COLMAP); ply, nvm, bundler; "
+      "tum, kitti, euroc (trajectories); kalibr, euroc_sensor, ros_tf, "
+      "ros_launch, camera_info, rig_config (calibration); geojson, kml "
+      "(georeferenced trajectories)."};
   Option<TrajectoryPoses> poses{
       "poses", TrajectoryPoses::kFrame,
-      "Poses of a trajectory. frame: those of the reference camera of the rig. "
-      "camera: those of every camera, in a folder with one file per camera."};
+      "Choose the poses of a trajectory. frame: those of the reference camera "
+      "of the rig. camera: those of every camera, in a folder with one file "
+      "per camera."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
-      "Times for tum and euroc, a line `image_name SECONDS` per image. Without "
-      "it, image names must be times or numbers of seconds."};
+      "Read the times for tum and euroc from this file, a line `image_name "
+      "SECONDS` per image. Without it, image names must be times or numbers of "
+      "seconds."};
   Option<std::string> image_path{
       "image_path", "",
-      "For nvm and bundler as input: folder of the images, whose sizes these "
-      "formats lack."};
+      "Read the sizes of images from this folder for nvm and bundler as input, "
+      "as these formats lack them."};
   Option<std::string> list_path{
       "list_path", "",
-      "For bundler as input: the list of images. By default the one beside the "
-      "file: a.list.txt for a.bundle.out, list.txt for bundle.out."};
+      "Read the list of images for bundler as input. By default, it is beside "
+      "the file: a.list.txt for a.bundle.out, list.txt for bundle.out."};
   Option<std::string> database_path{
       "database_path", "",
-      "For tum, kitti and euroc as input: database with the cameras and images "
-      "that get the poses. point_triangulator adds the points."};
+      "Give the poses of tum, kitti and euroc as input to the cameras and "
+      "images of this database. point_triangulator adds the points."};
   Option<std::string> origin{
       "origin", "",
-      "For geojson and kml: latitude,longitude,altitude (degrees, meters) of "
-      "the origin of the east-north-up world. By default that of "
-      "geo_origin.json in the model."};
+      "Set latitude,longitude,altitude (degrees, meters) of the origin of the "
+      "east-north-up world for geojson and kml. By default, geo_origin.json in "
+      "the model states it."};
   ToolRigOptions rigs;
 
   template <class Visitor>

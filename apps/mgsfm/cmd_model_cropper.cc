@@ -15,19 +15,21 @@ namespace {
 
 struct ModelCropperOptions {
   Option<std::string> input_path{"input_path", "", Required(),
-                                 "Folder of the model to crop."};
+                                 "Crop the model in this folder."};
   Option<std::string> output_path{"output_path", "", Required(),
-                                  "Folder for the cropped model."};
+                                  "Write the cropped model into this folder."};
   Option<std::string> boundary{
       "boundary", "", Required(),
-      "Box x1,y1,z1,x2,y2,z2 in the world of the model, or two quantiles of "
-      "the points along each axis, such as 0.01,0.99."};
+      "Keep the points in the box x1,y1,z1,x2,y2,z2 in the world of the model, "
+      "or between two quantiles of the points along each axis, such as "
+      "0.01,0.99."};
   Option<bool> boundary_is_gps{
       "boundary_is_gps", false,
-      "Whether the corners of the box are latitude,longitude,altitude. The "
-      "model must have a geo_origin.json."};
-  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the model: binary or text."};
+      "Take the corners of the box for latitude,longitude,altitude. The model "
+      "must have a geo_origin.json."};
+  Option<ModelFormat> output_format{
+      "output_format", ModelFormat::kBinary,
+      "Write the model in binary or text format."};
   ToolRigOptions rigs;
 
   template <class Visitor>

@@ -29,55 +29,58 @@ namespace {
 
 struct EvaluatorOptions {
   Option<std::string> input_path{"input_path", "", Required(),
-                                 "Folder of the model to evaluate."};
-  Option<std::string> gt_path{
-      "gt_path", "", "True poses: a folder (colmap) or a file (kitti, tum)."};
+                                 "Evaluate the model in this folder."};
+  Option<std::string> gt_path{"gt_path", "",
+                              "Compare with these true poses: a folder "
+                              "(colmap) or a file (kitti, tum)."};
   Option<TruthFormat> gt_format{
       "gt_format", TruthFormat::kColmap,
-      "colmap: a model with the same image names. kitti, tum: poses of the "
-      "reference camera, assigned by the number (kitti) or the time (tum) in "
-      "the image name, else in frame order. rig: only the rig of "
-      "--calib_path."};
+      "State the format of the true poses. colmap: a model with the same image "
+      "names. kitti, tum: poses of the reference camera, assigned by the "
+      "number (kitti) or the time (tum) in the image name, else in frame "
+      "order. rig: only the rig of --calib_path."};
   Option<std::string> calib_path{
       "calib_path", "",
-      "True rig: a rig_config.json, KITTI's calib.txt, or EuRoC's sensor.yaml "
-      "of every camera, separated by commas, in the order of the camera "
-      "folders."};
+      "Compare with this true rig: a rig_config.json, KITTI's calib.txt, or "
+      "EuRoC's sensor.yaml of every camera, separated by commas, in the order "
+      "of the camera folders."};
   Option<std::string> database_path{
       "database_path", "",
-      "Database of the model, for kitti and tum: counts images that are "
-      "missing in the model as unregistered. Without it, only images in gaps "
+      "Count images of this database that are missing in the model as "
+      "unregistered, for kitti and tum. Without it, only images in gaps "
       "between frames of the model count."};
   Option<std::string> image_prefix{
       "image_prefix", "",
-      "Evaluates only images whose names start with this, such as seq1/."};
+      "Evaluate only images whose names start with this, such as seq1/."};
   Option<std::string> reference{
       "reference", "",
-      "Folder of the camera whose poses --gt_path holds; by default the "
-      "reference sensor of the model's rig, or the first folder."};
+      "Name the folder of the camera whose poses --gt_path holds; by default "
+      "the reference sensor of the model's rig, or the first folder."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Rule by which image names identify cameras and frames if the model has "
-      "no rigs; "
-      "as for the mapper."};
+      "Choose how image names identify cameras and frames if the model has no "
+      "rigs, as for the mapper."};
   Option<Alignment> alignment{
       "alignment", Alignment::kSimilarity,
-      "Alignment of the model before it is compared: similarity; rigid for "
-      "metric models; none for models in the world of the ground truth."};
+      "Choose the alignment of the model before it is compared: similarity; "
+      "rigid for metric models; none for models in the world of the ground "
+      "truth."};
   Option<LengthUnit> gt_unit{
       "gt_unit", LengthUnit::kAuto,
-      "Unit of length of the ground truth, for the output. auto: m for kitti, "
-      "tum and georeferenced models; otherwise units, as models do not state "
-      "theirs."};
+      "State the unit of length of the ground truth, for the output. auto: m "
+      "for kitti, tum and georeferenced models; otherwise units, as models do "
+      "not state theirs."};
   Option<std::string> json{"json", "", "Write the errors to a JSON file."};
   Option<std::string> svg_path{
       "svg_path", "", "Write an SVG plot of the trajectory and its errors."};
   Option<std::string> position_thresholds{
       "position_thresholds", "0.05,0.1,0.5,1", AnyValue(), "of gt_unit",
-      "Position thresholds of the areas under the curve, separated by commas."};
+      "Set the position thresholds of the areas under the curve, separated by "
+      "commas."};
   Option<std::string> rotation_thresholds{
       "rotation_thresholds", "0.5,1,5", AnyValue(), "deg",
-      "Rotation thresholds of the areas under the curve, separated by commas."};
+      "Set the rotation thresholds of the areas under the curve, separated by "
+      "commas."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

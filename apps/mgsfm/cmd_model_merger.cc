@@ -15,42 +15,43 @@ namespace {
 struct ModelMergerOptions {
   Option<std::string> input_path1{
       "input_path1", "",
-      "Folder of the first model. The result keeps its world and poses."};
+      "Merge the model in this folder with the second one. The result keeps "
+      "its world and poses."};
   Option<std::string> input_path2{
       "input_path2", "",
-      "Folder of the second model, reconstructed from the same database."};
+      "Merge the model in this folder, reconstructed from the same database."};
   Option<std::string> output_path{"output_path", "", Required(),
-                                  "Folder for the merged model, or for the "
-                                  "models 0, 1, ... of sub-maps."};
+                                  "Write the merged model, or the models 0, 1, "
+                                  "... of sub-maps, into this folder."};
   Option<bool> graph{"graph", false,
                      "Join any number of sub-maps, such as the clusters of "
                      "mapper --partition, "
                      "and adjust the result."};
-  Option<std::string> input_path{"input_path", "",
-                                 "With graph: folder with an output folder of "
-                                 "the mapper for each cluster, "
-                                 "named 0, 1, ..."};
-  Option<std::string> cluster_path{
-      "cluster_path", "",
-      "With graph: folder of mapper --partition. Clusters that have no model "
-      "are named."};
+  Option<std::string> input_path{
+      "input_path", "",
+      "Join the sub-maps in this folder with graph: an output folder of the "
+      "mapper for each cluster, named 0, 1, ..."};
+  Option<std::string> cluster_path{"cluster_path", "",
+                                   "Name the clusters without model by this "
+                                   "folder of mapper --partition, with graph."};
   Option<std::string> database_path{
       "database_path", "",
-      "With graph: database with the matches, for loop closures between "
-      "clusters. It is only read."};
-  Option<bool> refine{"refine", true, "With graph: adjust the joined models."};
+      "Close loops between clusters by the matches of this database, with "
+      "graph. It is not changed."};
+  Option<bool> refine{"refine", true, "Adjust the joined models of graph."};
   Option<int> max_memory_mib{
       "max_memory", 0, AtLeast(0), "MiB",
       "Adjust the joined models of graph within this memory, by a selection of "
       "their tracks if necessary. 0: no limit."};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
-      "Minimum number of common images, or of cameras in common frames."};
+      "Require this many common images, or cameras in common frames."};
   Option<double> max_reproj_error{
       "max_reproj_error", 64.0, GreaterThan(0.0), "px",
-      "Observations with larger errors are removed from the merged model."};
-  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the model: binary or text."};
+      "Remove observations with larger errors from the merged model."};
+  Option<ModelFormat> output_format{
+      "output_format", ModelFormat::kBinary,
+      "Write the model in binary or text format."};
   ToolRigOptions rigs;
   JoinOptions join;
   BundleAdjustmentOptions bundle_adjustment;

@@ -20,17 +20,18 @@ namespace fs = std::filesystem;
 
 struct ModelSplitterOptions {
   Option<std::string> input_path{"input_path", "", Required(),
-                                 "Folder of the model to split."};
-  Option<std::string> output_path{"output_path", "", Required(),
-                                  "Folder for the models 0, 1, ..."};
-  Option<int> num_clusters{
-      "num_clusters", 2, AtLeast(2), "clusters",
-      "Number of models. There are fewer if cuts would cross weak places."};
+                                 "Split the model in this folder."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Write the models 0, 1, ... into this folder."};
+  Option<int> num_clusters{"num_clusters", 2, AtLeast(2), "clusters",
+                           "Split into this many models. There are fewer if "
+                           "cuts would cross weak places."};
   Option<int> num_overlap_frames{
       "num_overlap_frames", 10, AtLeast(3), "frames",
-      "Number of frames on either side of a cut that both models share."};
+      "Let both models share this many frames on either side of a cut."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the models: binary or text."};
+                                    "Write models in binary or text format."};
   ToolRigOptions rigs;
 
   template <class Visitor>

@@ -24,25 +24,27 @@ BundleAdjustmentOptions FixCameras() {
 }
 
 struct PointTriangulatorOptions {
-  Option<std::string> database_path{
-      "database_path", "", Required(),
-      "COLMAP database with verified matches. It is only read."};
-  Option<std::string> image_path{
-      "image_path", "",
-      "Folder of the images, to color the points. Without it, all points are "
-      "black."};
+  Option<std::string> database_path{"database_path", "", Required(),
+                                    "Read the verified matches of this COLMAP "
+                                    "database, which is not changed."};
+  Option<std::string> image_path{"image_path", "",
+                                 "Color the points by the images in this "
+                                 "folder. Without it, all points are black."};
   Option<std::string> input_path{
       "input_path", "", Required(),
-      "Folder of the model whose poses and intrinsics are fixed. Its images "
-      "are matched with those of the database by name."};
+      "Triangulate the points of the model in this folder, whose poses and "
+      "intrinsics are fixed. Its images are matched with those of the database "
+      "by name."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for the model and report.json. An earlier model is replaced when "
-      "the new one is complete; other files stay. May be the input."};
+      "Write the model and report.json into this folder. An earlier model is "
+      "replaced when the new one is complete; other files stay. May be the "
+      "input."};
   Option<bool> clear_points{"clear_points", true,
                             "Discard old points. 0: keep and extend them."};
-  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
-                                    "Format of the model: binary or text."};
+  Option<ModelFormat> output_format{
+      "output_format", ModelFormat::kBinary,
+      "Write the model in binary or text format."};
   SceneLoadingOptions loading;
   ViewGraphOptions view_graph;
   TrackOptions tracks;

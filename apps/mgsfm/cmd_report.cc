@@ -10,12 +10,12 @@
 #include "base/text_lines.h"
 #include "command.h"
 #include "commands.h"
-#include "figure_files.h"
 #include "files/file_operations.h"
 #include "files/model_files.h"
 #include "mapper_run.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/models/model_scene.h"
+#include "mgsfm/report_page/figures.h"
 #include "mgsfm/report_page/report_page.h"
 #include "models/model_placement.h"
 #include "true_trajectory.h"
@@ -29,33 +29,34 @@ namespace fs = std::filesystem;
 struct ReportCommandOptions {
   Option<std::string> input_path{
       "input_path", "", Required(),
-      "Folder of the model to show. The report.json of its run is read if it "
+      "Show the model in this folder. The report.json of its run is read if it "
       "is there or in the folder above."};
   Option<std::string> output_path{"output_path", "", Required(),
-                                  "HTML file to write."};
+                                  "Write this HTML file."};
   Option<std::string> database_path{
       "database_path", "",
-      "Database of the model: shows images that are not registered and pairs "
-      "that were rejected."};
-  Option<std::string> image_path{"image_path", "",
-                                 "Folder of the images, for thumbnails."};
+      "Show images that are not registered and pairs that were rejected, by "
+      "this database of the model."};
+  Option<std::string> image_path{
+      "image_path", "", "Show thumbnails of the images in this folder."};
   Option<std::string> compare_path{
       "compare_path", "",
-      "Folder of another model of the same images to compare with."};
-  Option<std::string> gt_path{
-      "gt_path", "", "True poses: a folder (colmap) or a file (kitti, tum)."};
+      "Compare with the model in this folder of the same images."};
+  Option<std::string> gt_path{"gt_path", "",
+                              "Compare with these true poses: a folder "
+                              "(colmap) or a file (kitti, tum)."};
   Option<TruthFormat> gt_format{
       "gt_format", TruthFormat::kColmap,
-      "Format of the true poses, as for model_evaluator."};
-  Option<std::string> calib_path{"calib_path", "",
-                                 "True rig, as for model_evaluator."};
-  Option<double> max_size_mb{
-      "max_size", 10.0, AtLeast(1.0), "MB",
-      "Maximum size of the file; limits points, tracks and thumbnails."};
+      "State the format of the true poses, as for model_evaluator."};
+  Option<std::string> calib_path{
+      "calib_path", "", "Compare with this true rig, as for model_evaluator."};
+  Option<double> max_size_mb{"max_size", 10.0, AtLeast(1.0), "MB",
+                             "Limit the size of the file, and so the points, "
+                             "tracks and thumbnails in it."};
   Option<std::string> figures{
       "figures", "",
-      "Folder for the trajectory, the rig, the residual maps, the view graph "
-      "and, with --gt_path, the errors as SVG files."};
+      "Write the trajectory, the rig, the residual maps, the view graph and, "
+      "with --gt_path, the errors as SVG files into this folder."};
   Option<bool> side_files{
       "side_files", false,
       "Write the points that do not fit into files beside the page, from which "
@@ -233,6 +234,17 @@ void CheckUsage(const ReportCommandOptions& options) {
     throw Error("--output_path '" + *options.output_path +
                 "' is a folder; name a file in it, such as report.html");
   }
+}
+
+// Writes the figures of a model (mgsfm/report_page/figures.h) as NAME.svg.
+void WriteFigures(const fs::path& folder, const ReportPageInput& page,
+                  const Context& context) {
+  fs::create_directories(folder);
+  for (const Figure& figure : MakeFigures(page, context)) {
+    context.CheckInterrupted();
+    ReplaceFile(folder / (figure.name + ".svg"), figure.svg);
+  }
+  context.Info("figures: " + folder.string());
 }
 
 int RunReportCommand(const ReportCommandOptions& options,

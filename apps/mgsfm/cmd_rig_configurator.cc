@@ -16,13 +16,13 @@ namespace {
 struct RigConfiguratorOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),
-      "COLMAP database. Replaces its rigs and frames; keeps features and "
-      "matches."};
+      "Replace the rigs and frames of this COLMAP database; its features and "
+      "matches stay."};
   Option<std::string> image_path{
       "image_path", "",
-      "Folder of the images. frame_max_time_difference_s takes times from "
-      "their EXIF tags if a name has none, and writes them to timestamps.txt "
-      "beside the database."};
+      "Read the EXIF times of the images in this folder if "
+      "frame_max_time_difference_s needs them and a name has none, and write "
+      "them to timestamps.txt beside the database."};
   SceneLoadingOptions rigs;
 
   template <class Visitor>

@@ -55,36 +55,37 @@ constexpr char kSummary[] =
 struct SimulateCommandOptions {
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for database.db or images, the ground-truth model in `truth`, "
-      "the kinds of image pairs in pairs.csv and the times of frames in "
-      "timestamps.txt; if cameras do not trigger simultaneously, also image "
-      "poses in `truth_images`."};
+      "Write database.db or images, the ground-truth model in `truth`, the "
+      "kinds of image pairs in pairs.csv and the times of frames in "
+      "timestamps.txt into this folder; if cameras do not trigger "
+      "simultaneously, also image poses in `truth_images`."};
   Option<SimulationPreset> preset{
       "preset", SimulationPreset::kSmall,
-      "Defaults of all other options. small: a few frames without noise. "
-      "street: a realistic street without noise. standard: street with noise, "
-      "mismatches, vehicles and wrong pairs. aliased: standard with duplicated "
-      "facades. moderate, hard: aliased with more degradations, vehicles in "
-      "convoy, and cuts with few matches."};
+      "Set the defaults of all other options. small: a few frames without "
+      "noise. street: a realistic street without noise. standard: street with "
+      "noise, mismatches, vehicles and wrong pairs. aliased: standard with "
+      "duplicated facades. moderate, hard: aliased with more degradations, "
+      "vehicles in convoy, and cuts with few matches."};
   Option<NoiseLevel> level{
       "level", NoiseLevel::kMild,
-      "Defaults of noise and mismatches of worlds with a path of their own. "
-      "none: exact. mild: 10 % mismatches. medium: 25 %, 3 % along epipolar "
-      "lines, 1 % wrong pairs."};
-  Option<std::string> trajectory_path{
-      "trajectory_path", "",
-      "File with the poses of the reference camera, instead of `path`."};
+      "Set the defaults of noise and mismatches of worlds with a path of their "
+      "own. none: exact. mild: 10 % mismatches. medium: 25 %, 3 % along "
+      "epipolar lines, 1 % wrong pairs."};
+  Option<std::string> trajectory_path{"trajectory_path", "",
+                                      "Read the poses of the reference camera "
+                                      "from this file, instead of `path`."};
   Option<TrajectoryFormat> trajectory_format{
       "trajectory_format", TrajectoryFormat::kKitti,
-      "kitti: a 3x4 matrix per line; tum: time, position, quaternion."};
+      "State the format of the trajectory. kitti: a 3x4 matrix per line; tum: "
+      "time, position, quaternion."};
   Option<std::string> rig_config_path{
       "rig_config_path", "",
-      "COLMAP's rig_config.json instead of `rig`: one rig with the poses, "
-      "models and parameters of its cameras. Image sizes are twice the "
+      "Read one rig with the poses, models and parameters of its cameras from "
+      "COLMAP's rig_config.json, instead of `rig`. Image sizes are twice the "
       "principal points."};
   Option<DatabaseSchema> database_schema{
       "database_schema", DatabaseSchema::k38,
-      "COLMAP version of the database schema; 3.8 has no rigs."};
+      "Write the database schema of this COLMAP version; 3.8 has no rigs."};
   Option<bool> render{
       "render", false,
       "Render images of a textured street instead of writing a database; adds "
@@ -94,9 +95,10 @@ struct SimulateCommandOptions {
       "render_scale", 1.0, GreaterThan(0.0),
       "Scale of the images relative to the cameras of the rig."};
   Option<ImageFormat> render_format{"render_format", ImageFormat::kPng,
-                                    "File format of the images."};
-  Option<int> render_jpeg_quality{"render_jpeg_quality", 95, Between(1, 100),
-                                  "Quality of JPEG images; 100 is best."};
+                                    "Choose the file format of the images."};
+  Option<int> render_jpeg_quality{
+      "render_jpeg_quality", 95, Between(1, 100),
+      "Set the quality of JPEG images; 100 is best."};
   RenderingOptions rendering;
   SimulationOptions simulation;
   PositionMeasurementOptions positions;

@@ -9,12 +9,12 @@ namespace {
 struct VideoSamplerOptions {
   Option<std::string> video_path{
       "video_path", "", Required(),
-      "Videos, one per camera of the rig, separated by blanks or commas. The "
-      "first one decides which frames are sampled."};
+      "Sample these videos, one per camera of the rig, separated by blanks or "
+      "commas. The first one decides which frames are sampled."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for images/VIDEO/TIME.jpg and timestamps.txt. Images of an "
-      "interrupted run with the same settings are kept."};
+      "Write images/VIDEO/TIME.jpg and timestamps.txt into this folder. Images "
+      "of an interrupted run with the same settings are kept."};
   VideoSamplingOptions sampling;
 
   template <class Visitor>

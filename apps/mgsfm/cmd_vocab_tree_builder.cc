@@ -16,10 +16,11 @@ namespace mgsfm {
 namespace {
 
 struct VocabTreeBuilderOptions {
-  Option<std::string> database_path{"database_path", "", Required(),
-                                    "Database with features. It is only read."};
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "Read the features of this database, which is not changed."};
   Option<std::string> vocab_tree_path{"vocab_tree_path", "", Required(),
-                                      "File to write the tree to."};
+                                      "Write the tree to this file."};
   Option<int> max_num_images{
       "max_num_images", -1, AtLeast(-1), "images",
       "Train on this many images, spaced evenly by name; -1 uses all."};

@@ -39,7 +39,6 @@ const std::multimap<std::string, std::string>& ReplacedOptions() {
   static const std::multimap<std::string, std::string> kTable = {
       {"ba_global_function_tolerance", "BundleAdjustment.function_tolerance"},
       {"ba_global_max_num_iterations", "BundleAdjustment.max_num_iterations"},
-      {"ba_global_max_refinements", "BundleAdjustment.num_rounds"},
       {"ba_refine_extra_params", "BundleAdjustment.refine_extra_params"},
       {"ba_refine_focal_length", "BundleAdjustment.refine_focal_length"},
       {"ba_refine_principal_point", "BundleAdjustment.refine_principal_point"},
@@ -61,12 +60,9 @@ const std::multimap<std::string, std::string>& ReplacedOptions() {
       {"mask_path", "ImageReader.mask_path"},
       {"match_list_path", "match_list_path"},
       {"max_error", "TwoViewGeometry.max_error"},
-      {"max_extra_param", "BundleAdjustment.max_extra_param"},
-      {"max_focal_length_ratio", "BundleAdjustment.max_focal_length_ratio"},
       {"max_num_matches", "SiftMatching.max_num_matches"},
       {"max_num_trials", "TwoViewGeometry.max_num_trials"},
       {"max_reproj_error", "BundleAdjustment.max_max_error"},
-      {"min_focal_length_ratio", "BundleAdjustment.min_focal_length_ratio"},
       {"min_inlier_ratio", "TwoViewGeometry.min_inlier_ratio"},
       {"min_num_inliers", "TwoViewGeometry.min_num_inliers"},
       {"min_num_matches", "ViewGraph.min_num_inliers"},
@@ -95,6 +91,8 @@ const Table& NeedlessOptions() {
       "writes";
   static const char* const kCriteria =
       "leave it out: function_tolerance and max_num_iterations end a solve";
+  static const char* const kPlausible =
+      "leave it out: the report names implausible focal lengths and distortion";
   static const char* const kNotPooled = "leave it out: features are not pooled";
   static const Table kTable = {
       {"abs_pose_", kGlobal},
@@ -119,11 +117,14 @@ const Table& NeedlessOptions() {
       {"local_ba_", kGlobal},
       {"log_to_stderr", "leave it out: messages go to the error stream"},
       {"loop_detection_num_", "leave it out: the search is exhaustive"},
+      {"max_extra_param", kPlausible},
+      {"max_focal_length_ratio", kPlausible},
       {"max_linear_solver_iterations", kCriteria},
       {"max_model_overlap", kGlobal},
       {"max_num_models", "leave it out: each connected part is a model"},
       {"max_reg_trials", kGlobal},
       {"mesher", kDense},
+      {"min_focal_length_ratio", kPlausible},
       {"multiple_models", "leave it out: each connected part is a model"},
       {"num_checks", "leave it out: the search is exhaustive"},
       {"num_nearest_neighbors", "leave it out: the search is exhaustive"},

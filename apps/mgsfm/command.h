@@ -107,12 +107,14 @@ struct EnumTable<LogLevel> {
 struct CommonOptions {
   Option<int> num_threads{
       "num_threads", -1, Between(-1, 1024), "threads",
-      "-1 or 0: all processor cores. Does not change results."};
+      "Set the number of threads; -1 or 0 uses all processor cores. Results do "
+      "not depend on it."};
   Option<int> random_seed{"random_seed", 0, AtLeast(0),
-                          "Equal input, options and seed give equal results."};
+                          "Seed the random numbers. Equal input, options and "
+                          "seed give equal results."};
   Option<LogLevel> log_level{
       "log_level", LogLevel::kInfo,
-      "Minimum level of the messages on the standard error stream."};
+      "Print messages of at least this level to the standard error stream."};
   Option<bool> quiet{"quiet", false,
                      "Print only warnings and errors, and no progress."};
 

@@ -33,8 +33,7 @@ constexpr BasicHelp kBasicHelps[] = {
      "database_path output_path image_path input_path output_format "
      "rig_config_path calibration_path rig_name_rule "
      "frame_max_time_difference_s use_prior_position use_prior_gravity "
-     "image_timestamps_path compute_covariances SoftRig.method write_report "
-     "live_port"},
+     "image_timestamps_path compute_covariances SoftRig.method live_port"},
     {"bundle_adjuster",
      "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
      "input_path output_path output_format retriangulate compute_covariances "
@@ -129,7 +128,8 @@ constexpr BasicHelp kBasicHelps[] = {
     {"model_merger",
      "mgsfm model_merger --input_path1 sparse/0 --input_path2 sparse/1 "
      "--output_path merged",
-     ""},
+     "input_path1 input_path2 output_path min_common_images max_reproj_error "
+     "graph input_path cluster_path database_path refine max_memory"},
     {"model_splitter",
      "mgsfm model_splitter --input_path sparse/0 --output_path parts", ""},
     {"model_cropper",
@@ -163,12 +163,45 @@ OptionList SelectBasic(const BasicHelp& help, const OptionList& options) {
            std::find(std::begin(kCommonOptions), std::end(kCommonOptions),
                      name) != std::end(kCommonOptions);
   };
+  if (names.empty()) return options;
   OptionList basic;
   for (const OptionEntry& entry : options) {
     if (is_basic(entry.name)) basic.push_back(entry);
   }
   MGSFM_CHECK_EQ(basic.size(), names.size() + std::size(kCommonOptions));
   return basic;
+}
+
+// The part of a text before its first full stop, colon or semicolon.
+std::string FirstClause(const std::string& text) {
+  for (size_t i = 1; i + 1 < text.size(); ++i) {
+    const char c = text[i];
+    const bool is_end =
+        c == ':' || c == ';' || (c == '.' && text[i - 1] != '.');
+    if (is_end && text[i + 1] == ' ') return text.substr(0, i) + ".";
+  }
+  return text;
+}
+
+// "  --flag    What its help says first. [default]", in 80 columns.
+void AppendBriefly(const OptionEntry& entry, std::string* text) {
+  const size_t indent = 30, width = 80;
+  std::string line = "  --" + entry.name;
+  if (line.size() >= indent) {
+    *text += line + "\n";
+    line.clear();
+  }
+  std::string help = FirstClause(entry.help);
+  const std::string value = FormatOptionValue(entry.default_value);
+  if (!value.empty()) help += " [" + value + "]";
+  line.resize(indent, ' ');
+  TextInput words(help);
+  for (std::string word; words >> word; line += word + " ") {
+    if (line.size() + word.size() <= width) continue;
+    *text += line.substr(0, line.size() - 1) + "\n";
+    line.assign(indent, ' ');
+  }
+  *text += line.substr(0, line.size() - 1) + "\n";
 }
 
 constexpr char kSwitches[] =
@@ -192,13 +225,17 @@ std::string MakeHelp(const std::string& command, const std::string& summary,
   if (help == std::end(kBasicHelps))
     return text + OptionsToHelp(options) + kSwitches;
   text += std::string("Example\n  ") + help->example + "\n\n";
-  if (level == HelpLevel::kAll || *help->options == '\0') {
+  if (level == HelpLevel::kAll) {
     return text + OptionsToHelp(options) + kSwitches;
   }
   const OptionList basic = SelectBasic(*help, options);
-  return text + OptionsToHelp(basic) + kSwitches + "\n" +
-         std::to_string(options.size() - basic.size()) +
-         " more options: mgsfm " + command + " --help_all\n";
+  for (const OptionEntry& entry : basic) AppendBriefly(entry, &text);
+  return text + "\n[default]; " +
+         (basic.size() < options.size()
+              ? std::to_string(options.size() - basic.size()) +
+                    " more options and "
+              : "") +
+         "details: mgsfm " + command + " --help_all\n";
 }
 
 }  // namespace mgsfm

@@ -16,14 +16,13 @@ namespace mgsfm {
 
 struct LiveViewOptions {
   Option<int> port{"live_port", -1, Between(-1, 65535),
-                   "Port on which a browser can watch the run: "
-                   "http://127.0.0.1:PORT/ shows the model as it grows, the "
-                   "stage and the remaining time. 0: any free port, -1: none."};
+                   "Show the run in a browser at http://127.0.0.1:PORT/: the "
+                   "growing model, the stage and the remaining time. 0 takes "
+                   "any free port, -1 shows nothing."};
   Option<std::string> address{
       "live_address", "127.0.0.1",
-      "Address of this machine on which live_port listens, in numbers. "
-      "Addresses other than 127.0.0.1 and ::1 let everybody on the network "
-      "watch."};
+      "Listen on this numeric address of the machine. Any address but "
+      "127.0.0.1 and ::1 lets everybody on the network watch."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

@@ -7,7 +7,6 @@
 
 #include "command.h"
 #include "database/image_list.h"
-#include "figure_files.h"
 #include "files/output_file.h"
 #include "files/staged_output.h"
 #include "fixed_region_masks.h"
@@ -161,20 +160,6 @@ RunDescription DescribeInput(const MapperRun& run, const Context& context) {
   return description;
 }
 
-// Files beside the models, if they are wanted.
-void WriteIllustrations(const MapperRun& run, const MapperInput& input,
-                        const MapperResult& result,
-                        const std::string& report_json,
-                        const Context& context) {
-  if (!run.figures_path.empty()) {
-    WriteFiguresOfModels(run.figures_path, input, result, report_json, context);
-  }
-  if (!run.fixed_region_mask_path.empty()) {
-    WriteFixedRegionMasks(run.fixed_region_mask_path, input.scene, result,
-                          context);
-  }
-}
-
 }  // namespace
 
 void CheckImagePath(const std::string& image_path) {
@@ -289,7 +274,9 @@ int MapDatabase(const MapperRun& run, const Context& context) {
     first_page = WriteReportPages(run.output_path, run.image_path, input.mapper,
                                   result, report_json, context);
   }
-  WriteIllustrations(run, input.mapper, result, report_json, context);
+  if (!run.fixed_region_mask_path.empty()) {
+    WriteFixedRegionMasks(run.fixed_region_mask_path, scene, result, context);
+  }
   if (result.models.empty()) {
     LogNoModel(run, context);
     return kExitNotSolvable;

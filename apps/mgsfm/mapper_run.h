@@ -32,7 +32,6 @@ struct MapperRun {
   BaselineOptions baseline = {};     // by default the mapper itself
   RigSplitOptions rig_split = {};
   bool write_report = false;                // a page per model
-  std::string figures_path = {};            // folder; may be empty
   LiveView* live = nullptr;                 // shows the run; may be null
   int max_memory_mib = 0;                   // 0: not limited
   std::string fixed_region_mask_path = {};  // folder; may be empty

@@ -18,8 +18,8 @@ namespace mgsfm {
 struct MatchingInputOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),
-      "COLMAP database with features. Adds matches and two-view geometries; "
-      "pairs that have them are skipped."};
+      "Add matches and two-view geometries to this COLMAP database with "
+      "features; pairs that have them are skipped."};
   Option<std::string> shard{
       "shard", "",
       "Match share i of n of the pairs, as in 3/8, into the database "
@@ -27,8 +27,8 @@ struct MatchingInputOptions {
       "database_merger joins the shards."};
   Option<std::string> shard_path{
       "shard_path", "",
-      "Database of the matches of one share; created if missing. A run that "
-      "was interrupted continues."};
+      "Write the matches of one share to this database, which is created if "
+      "missing. A run that was interrupted continues."};
   Option<std::string> output_pairs_path{
       "output_pairs_path", "",
       "Write the selected pairs to this file and match nothing. Set it to "

@@ -12,10 +12,10 @@
 #include "base/file_reading.h"
 #include "base/text_tools.h"
 #include "database/sqlite_snapshot.h"
+#include "files/file_operations.h"
 #include "files/image_limits.h"
 #include "files/image_reading.h"
 #include "files/model_files.h"
-#include "files/staged_output.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -87,14 +87,18 @@ bool ExportReplaces(const fs::path& target, const fs::path& file) {
          ModelReplaces(target, file);
 }
 
-// The outputs of all commands. Those that only read have none.
+// An output of some commands.
 struct Output {
-  const char* command;
+  const char* commands;  // separated by blanks
   const char* option;
   Replaces replaces;
   // The input that the command may adjust in place, if any.
   const char* in_place = "";
 };
+
+constexpr char kMatchers[] =
+    "exhaustive_matcher sequential_matcher vocab_tree_matcher spatial_matcher "
+    "matches_importer geometric_verifier";
 
 constexpr Output kOutputs[] = {
     {"mapper", "output_path", RunReplaces},
@@ -116,25 +120,11 @@ constexpr Output kOutputs[] = {
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},
     {"report", "output_path", IsSameFile},
-    {"feature_extractor", "database_path", IsSameFile},
-    {"rig_configurator", "database_path", IsSameFile},
-    {"exhaustive_matcher", "database_path", IsSameFile},
-    {"sequential_matcher", "database_path", IsSameFile},
-    {"vocab_tree_matcher", "database_path", IsSameFile},
-    {"spatial_matcher", "database_path", IsSameFile},
-    {"matches_importer", "database_path", IsSameFile},
-    {"exhaustive_matcher", "shard_path", IsSameFile},
-    {"exhaustive_matcher", "output_pairs_path", IsSameFile},
-    {"sequential_matcher", "shard_path", IsSameFile},
-    {"sequential_matcher", "output_pairs_path", IsSameFile},
-    {"vocab_tree_matcher", "shard_path", IsSameFile},
-    {"vocab_tree_matcher", "output_pairs_path", IsSameFile},
-    {"spatial_matcher", "shard_path", IsSameFile},
-    {"spatial_matcher", "output_pairs_path", IsSameFile},
-    {"matches_importer", "shard_path", IsSameFile},
-    {"matches_importer", "output_pairs_path", IsSameFile},
-    {"geometric_verifier", "shard_path", IsSameFile},
-    {"geometric_verifier", "output_pairs_path", IsSameFile},
+    {"feature_extractor rig_configurator exhaustive_matcher sequential_matcher "
+     "vocab_tree_matcher spatial_matcher matches_importer",
+     "database_path", IsSameFile},
+    {kMatchers, "shard_path", IsSameFile},
+    {kMatchers, "output_pairs_path", IsSameFile},
     {"vocab_tree_builder", "vocab_tree_path", IsSameFile},
 };
 
@@ -144,16 +134,21 @@ bool IsNewFile(const Output& output) {
          output.option != std::string("database_path");
 }
 
+bool IsOf(const Output& output, const std::string& command) {
+  const std::string commands = " " + std::string(output.commands) + " ";
+  return commands.find(" " + command + " ") != std::string::npos;
+}
+
 struct NamedPath {
   std::string option;
   std::string path;
 };
 
 bool IsOutput(const std::string& command, const std::string& option) {
-  return std::any_of(
-      std::begin(kOutputs), std::end(kOutputs), [&](const Output& output) {
-        return command == output.command && option == output.option;
-      });
+  return std::any_of(std::begin(kOutputs), std::end(kOutputs),
+                     [&](const Output& output) {
+                       return IsOf(output, command) && option == output.option;
+                     });
 }
 
 bool EndsWith(const std::string& text, const std::string& end) {
@@ -208,11 +203,6 @@ std::string ValueOf(const OptionList& options, const std::string& name) {
   return "";
 }
 
-fs::path Canonical(const std::string& path) {
-  std::error_code ignored;
-  return fs::weakly_canonical(fs::absolute(path, ignored), ignored);
-}
-
 [[noreturn]] void ThrowIsModelFile(const std::string& target,
                                    const std::string& option,
                                    const std::string& remedy) {
@@ -247,7 +237,7 @@ void CheckKeptFiles(const std::string& command, const OptionList& options) {
   for (const Output& output : kOutputs) {
     const std::string target = ValueOf(options, output.option);
     const bool is_file = IsNewFile(output) || output.replaces == ExportReplaces;
-    if (command != output.command || target.empty() || !is_file ||
+    if (!IsOf(output, command) || target.empty() || !is_file ||
         IsDatabaseOption(output.option)) {
       continue;
     }
@@ -260,7 +250,7 @@ void CheckNewFiles(const std::string& command, const OptionList& options) {
   std::map<fs::path, std::string> option_of_file;
   for (const Output& output : kOutputs) {
     const std::string target = ValueOf(options, output.option);
-    if (command != output.command || target.empty() || !IsNewFile(output)) {
+    if (!IsOf(output, command) || target.empty() || !IsNewFile(output)) {
       continue;
     }
     const std::string remedy = std::string("; choose another ") + output.option;
@@ -270,7 +260,7 @@ void CheckNewFiles(const std::string& command, const OptionList& options) {
       ThrowIsModelFile(target, output.option, remedy);
     }
     const auto [other, is_new] =
-        option_of_file.emplace(Canonical(target), output.option);
+        option_of_file.emplace(CanonicalPath(target), output.option);
     if (!is_new) {
       throw Error("'" + other->first.string() + "' is the output of --" +
                   other->second + " and of --" + output.option + remedy);
@@ -289,7 +279,7 @@ void CheckOutputsAreNoInputs(const std::string& command,
       ReadInputs(command, options, config_path);
   for (const Output& output : kOutputs) {
     const std::string target = ValueOf(options, output.option);
-    if (command != output.command || target.empty()) continue;
+    if (!IsOf(output, command) || target.empty()) continue;
     for (const NamedPath& input : inputs) {
       if (input.option == output.in_place) continue;
       for (const fs::path& file : FilesOf(input.path)) {

@@ -19,13 +19,13 @@ namespace mgsfm {
 struct ToolRigOptions {
   Option<std::string> rig_config_path{
       "rig_config_path", "",
-      "COLMAP's rig_config.json, or the folder of an earlier model. Groups the "
-      "images into its rigs, whose poses are fitted to those of the images."};
+      "Group the images into the rigs of COLMAP's rig_config.json or of an "
+      "earlier model, and fit the poses of the rigs to those of the images."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Source of rigs and frames: auto (those of the model, otherwise single "
-      "images), none (single images), or a regular expression on image names, "
-      "as for the mapper, that groups the images into rigs."};
+      "Choose the source of rigs and frames: auto (those of the model, "
+      "otherwise single images), none (single images), or a regular expression "
+      "on image names, as for the mapper, that groups the images into rigs."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

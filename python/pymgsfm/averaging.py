@@ -41,8 +41,8 @@ class ViewGraph:
         that of the first image: x_in_cam2 = R x_in_cam1 + t.
       translations: (P, 3) t up to its length, in camera 2. Rows that are zero
         or NaN mean that the pair has no parallax. None: rotations only.
-      num_matches: (P,) the support of each pair, which sets its weight
-        (RotationAveraging.inlier_cap); None: equal weights.
+      num_matches: (P,) the support of each pair; its weight grows with it up to
+        200 matches. None: equal weights.
     """
 
     def __init__(self, frame_idxs: npt.ArrayLike,

@@ -20,7 +20,7 @@ class OptionInfo:
     """The documentation of one option.
 
     Attributes:
-      name: With the group, as in "BundleAdjustment.num_rounds".
+      name: With the group, as in "Tracks.min_track_length".
       range: In interval notation; "" if unbounded.
       choices: The valid values of a choice; else empty.
     """
@@ -118,7 +118,7 @@ class OptionGroup:
 class Options(OptionGroup):
     """All options of a command, such as Options("mapper").
 
-    Groups are attributes: options.BundleAdjustment.num_rounds = 2.
+    Groups are attributes: options.Tracks.min_track_length = 2.
     """
 
     def __init__(self, command: str, values: Mapping[str, Any] = {},

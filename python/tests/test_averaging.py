@@ -203,9 +203,9 @@ def test_the_reference_sensor_is_the_identity(rig):
 
 
 def test_options():
-    with pytest.raises(pymgsfm.InputError, match="inlier_cap"):
+    with pytest.raises(pymgsfm.InputError, match="max_error_deg"):
         pymgsfm.average_rotations(Truth().graph(), SENSOR_FROM_RIG,
-                                  {"inlier_cap": 0})
+                                  {"max_error_deg": -1.0})
     options = pymgsfm.Options("mapper").RotationAveraging
     options.max_error_deg = 0.0
     rotations = pymgsfm.average_rotations(Truth(noise_rad=0.01).graph(),

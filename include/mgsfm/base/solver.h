@@ -15,12 +15,6 @@ enum class SolverBackend {
   kCeres,   // Ceres (SPARSE_SCHUR) with the same derivatives, as reference
 };
 
-template <>
-struct EnumTable<SolverBackend> {
-  static constexpr std::pair<std::string_view, SolverBackend> kNames[] = {
-      {"native", SolverBackend::kNative}, {"ceres", SolverBackend::kCeres}};
-};
-
 // Why an iterative solver terminated.
 enum class Termination {
   kConverged,      // a stopping criterion of the solver is satisfied

@@ -84,17 +84,14 @@ struct EnumTable<RefineMode> {
 };
 
 struct BundleAdjustmentOptions {
-  Option<SolverBackend> backend{
-      "backend", SolverBackend::kNative,
-      "native: this library's solver. ceres: Ceres with the same derivatives, "
-      "for comparison."};
+  // kCeres runs Ceres with the same derivatives, for comparison.
+  SolverBackend backend = SolverBackend::kNative;
   Option<int> max_num_iterations{"max_num_iterations", 100, AtLeast(1),
                                  "iterations",
-                                 "Maximum number of iterations of one solve."};
+                                 "Limit the iterations of one solve."};
   Option<double> function_tolerance{
       "function_tolerance", 1e-6, Between(0.0, 1.0),
-      "A solve has converged when the relative change of the cost is at most "
-      "this."};
+      "End a solve when the relative change of the cost is at most this."};
   // Scale of the Cauchy loss of reprojection errors.
   double loss_scale_px = 1.8;
   // Upper bound of loss_scale in standard deviations of the keypoint noise,
@@ -106,7 +103,7 @@ struct BundleAdjustmentOptions {
       "refine_sensor_from_rig", RefineMode::kAuto,
       "Refine sensor_from_rig. auto: sensors without a prior. yes: all; "
       "sensors with a prior stay near it."};
-  Option<bool> refine_points{"refine_points", true, "Refine 3D points."};
+  bool refine_points = true;
   Option<RefineMode> refine_focal_length{
       "refine_focal_length", RefineMode::kAuto,
       "Refine focal lengths. auto: those without a prior."};
@@ -120,44 +117,38 @@ struct BundleAdjustmentOptions {
       "length."};
   Option<double> focal_length_prior_sigma{
       "focal_length_prior_sigma", 1e-3, GreaterThan(0.0),
-      "Relative standard deviation of prior focal lengths that are refined."};
+      "Set the relative standard deviation of prior focal lengths that are "
+      "refined."};
   // Relative standard deviation of initial focal lengths that are not priors.
   // It keeps a focal length near its initial value if the motion does not
   // determine it.
   double focal_length_start_sigma = 0.2;
-  Option<double> max_focal_length_sigma{
-      "max_focal_length_sigma", 0.01, GreaterThan(0.0),
-      "Refined focal lengths with a larger relative standard deviation are "
-      "reported as unobservable."};
-  Option<double> min_focal_length_ratio{
-      "min_focal_length_ratio", 0.1, GreaterThan(0.0),
-      "Refined focal lengths below this multiple of the larger image side are "
-      "reported as implausible."};
-  Option<double> max_focal_length_ratio{"max_focal_length_ratio", 10.0,
-                                        GreaterThan(0.0),
-                                        "Refined focal lengths above this "
-                                        "multiple of the larger image side are "
-                                        "reported as implausible."};
-  Option<double> max_extra_param{
-      "max_extra_param", 1.0, GreaterThan(0.0),
-      "Refined distortion parameters of larger magnitude are reported as "
-      "implausible."};
+  // Refined focal lengths with a larger relative standard deviation are
+  // reported as unobservable.
+  double max_focal_length_sigma = 0.01;
+  // Refined focal lengths below this multiple of the larger image side are
+  // reported as implausible.
+  double min_focal_length_ratio = 0.1;
+  // Refined focal lengths above this multiple of the larger image side are
+  // reported as implausible.
+  double max_focal_length_ratio = 10.0;
+  // Refined distortion parameters of larger magnitude are reported as
+  // implausible.
+  double max_extra_param = 1.0;
   Option<double> sensor_from_rig_prior_sigma_deg{
       "sensor_from_rig_prior_sigma_deg", 0.1, GreaterThan(0.0), "deg",
-      "Standard deviation of prior rotations of sensor_from_rig that are "
+      "Set the standard deviation of prior sensor_from_rig rotations that are "
       "refined."};
   Option<double> sensor_from_rig_prior_sigma{
       "sensor_from_rig_prior_sigma", 0.01, GreaterThan(0.0),
-      "Standard deviation of prior translations of sensor_from_rig that are "
-      "refined, as a fraction of the largest one in the rig."};
-  Option<double> prior_position_loss_scale{
-      "prior_position_loss_scale", 2.8, GreaterThan(0.0), "standard deviations",
-      "Scale of the Cauchy loss of measured positions. 2.8 is the 95 % "
-      "quantile of 3D normal noise."};
+      "Set the standard deviation of prior sensor_from_rig translations that "
+      "are refined, as a fraction of the largest one in the rig."};
+  // Scale of the Cauchy loss of measured positions. 2.8 is the 95 % quantile of
+  // 3D normal noise.
+  double prior_position_loss_scale = 2.8;
 
-  Option<int> num_rounds{
-      "num_rounds", 3, AtLeast(0), "rounds",
-      "Number of rounds of a solve and a triangulation of all points."};
+  // Number of rounds of a solve and a triangulation of all points.
+  int num_rounds = 3;
   // Observations with a reprojection error above this many standard deviations
   // of the keypoint noise are outliers.
   double error_sigma_factor = 4.0;
@@ -167,24 +158,23 @@ struct BundleAdjustmentOptions {
   double min_max_error_px = 2.0;
   Option<double> max_max_error_px{
       "max_max_error", 4.0, GreaterThan(0.0), "px",
-      "Observations with a reprojection error above this are outliers in the "
-      "last round. The bound doubles for each earlier round."};
+      "Reject observations with a larger reprojection error in the last round. "
+      "The bound doubles for each earlier round."};
   Option<double> min_triangulation_angle_deg{
       "min_triangulation_angle_deg", 1.0, Between(0.0, 90.0), "deg",
-      "Points with a smaller triangulation angle are removed."};
+      "Remove points with a smaller triangulation angle."};
   // Points with two observations and a smaller triangulation angle are removed.
   double min_two_view_angle_deg = 2.0;
   // Points with fewer observations are removed.
   int min_num_observations = 2;
   Option<double> min_track_share{
       "min_track_share", 0.75, Between(0.0, 1.0),
-      "Points are removed if a smaller share of the images of their track are "
-      "inliers. Most of these are on moving objects."};
-  Option<double> min_match_share{
-      "min_match_share", 0.7, Between(0.0, 1.0),
-      "Points are removed in the last round if a smaller share of the matches "
-      "of their keypoints in the database agrees. A vehicle agrees with a few "
-      "images and contradicts the others that show it. 0 disables the test."};
+      "Remove points of which less than this fraction of the track are "
+      "inliers; most lie on moving objects."};
+  // Points are removed in the last round if a smaller share of the matches of
+  // their keypoints in the database agrees. A vehicle agrees with a few images
+  // and contradicts the others that show it. 0 disables the test.
+  double min_match_share = 0.7;
   // Points farther from all of their cameras, in median distances, are removed.
   // A vehicle alongside appears infinitely far and biases the rotation of the
   // rig. 0 disables the test.
@@ -205,14 +195,11 @@ struct BundleAdjustmentOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(backend, max_num_iterations, function_tolerance,
-          refine_rig_from_world, refine_sensor_from_rig, refine_points,
-          refine_focal_length, refine_principal_point, refine_extra_params,
-          focal_length_prior_sigma, max_focal_length_sigma,
-          min_focal_length_ratio, max_focal_length_ratio, max_extra_param,
+    visit(max_num_iterations, function_tolerance, refine_rig_from_world,
+          refine_sensor_from_rig, refine_focal_length, refine_principal_point,
+          refine_extra_params, focal_length_prior_sigma,
           sensor_from_rig_prior_sigma_deg, sensor_from_rig_prior_sigma,
-          prior_position_loss_scale, num_rounds, max_max_error_px,
-          min_triangulation_angle_deg, min_track_share, min_match_share);
+          max_max_error_px, min_triangulation_angle_deg, min_track_share);
   }
 };
 

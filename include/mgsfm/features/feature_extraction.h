@@ -23,43 +23,43 @@ namespace mgsfm {
 // is no distortion. An image whose size differs from its camera is rejected.
 struct ImageReaderOptions {
   Option<bool> single_camera{"single_camera", false,
-                             "Whether to use the same camera for all images."};
+                             "Use the same camera for all images."};
   Option<bool> single_camera_per_folder{
       "single_camera_per_folder", false,
-      "Whether to use the same camera for all images in the same folder. This "
-      "is the default."};
+      "Use the same camera for all images in the same folder, as by default."};
   Option<bool> single_camera_per_image{
       "single_camera_per_image", false,
-      "Whether to use a different camera for each image. Set it if images in "
-      "one folder differ in size, zoom or focus."};
+      "Use a different camera for each image. Set it if images in one folder "
+      "differ in size, zoom or focus."};
   Option<std::string> camera_model{
       "camera_model", "SIMPLE_RADIAL", Required(),
-      "Name of the COLMAP camera model of new cameras."};
+      "Set the COLMAP camera model of new cameras."};
   Option<std::string> camera_params{
       "camera_params", "",
-      "Manual specification of camera parameters, separated by commas, in the "
-      "order of COLMAP's model. They are trusted."};
+      "Set the camera parameters, separated by commas, in the order of "
+      "COLMAP's model. They are trusted."};
   Option<std::string> camera_params_path{
       "camera_params_path", "",
-      "File with a line `folder MODEL width height params...` per folder of "
-      "images; '.' is the image folder itself. Takes precedence over "
-      "camera_model and camera_params."};
+      "Read the intrinsics of each folder of images from this file, a line "
+      "`folder MODEL width height params...`; '.' is the image folder itself. "
+      "It takes precedence over camera_model and camera_params."};
   Option<double> default_focal_length_factor{
       "default_focal_length_factor", 1.2, GreaterThan(0.0),
       "of the larger side",
-      "Initial focal length if there is neither a parameter nor an EXIF tag, "
-      "as a factor of the larger image side."};
-  Option<int> max_num_pixels{
-      "max_num_pixels", 200'000'000, Between(1, 1 << 30), "px",
-      "Images with more pixels are rejected before they are decoded, which "
-      "takes up to 8 bytes per pixel."};
+      "Set the initial focal length, as a factor of the larger image side, if "
+      "there is neither a parameter nor an EXIF tag."};
+  Option<int> max_num_pixels{"max_num_pixels", 200'000'000, Between(1, 1 << 30),
+                             "px",
+                             "Reject images with more pixels before they are "
+                             "decoded, which takes up to 8 bytes per pixel."};
   Option<std::string> mask_path{
       "mask_path", "",
-      "Folder of masks. Features are not kept where the mask cam0/a.jpg.png of "
-      "image cam0/a.jpg is black."};
-  Option<std::string> camera_mask_path{"camera_mask_path", "",
-                                       "Mask for all images. Use it to mask "
-                                       "out a vehicle that its cameras see."};
+      "Drop features where the mask is black: cam0/a.jpg.png in this folder is "
+      "the mask of the image cam0/a.jpg."};
+  Option<std::string> camera_mask_path{
+      "camera_mask_path", "",
+      "Drop features where this mask of all images is black, for example on "
+      "the vehicle that carries the cameras."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -75,27 +75,28 @@ struct ImageReaderOptions {
 struct SiftOptions {
   Option<int> max_image_size{
       "max_image_size", 3200, AtLeast(16), "px",
-      "Maximum image width or height; larger images are downscaled. Keypoints "
-      "are in pixels of the original image."};
+      "Downscale images whose width or height is larger. Keypoints are in "
+      "pixels of the original image."};
   Option<int> max_num_features{
       "max_num_features", 8192, AtLeast(1), "features",
-      "Maximum number of features per image; those of larger scale are kept. "
+      "Keep at most this many features per image, those of the largest scale. "
       "Decrease it to match faster."};
-  Option<int> num_octaves{
-      "num_octaves", 4, Between(1, 16), "octaves",
-      "Number of octaves; the first one is the image at twice its size."};
+  Option<int> num_octaves{"num_octaves", 4, Between(1, 16), "octaves",
+                          "Set the number of octaves; the first one is the "
+                          "image at twice its size."};
   Option<int> octave_resolution{"octave_resolution", 3, Between(1, 10),
-                                "levels", "Number of levels per octave."};
+                                "levels",
+                                "Set the number of levels per octave."};
   Option<double> peak_threshold{
       "peak_threshold", 0.02 / 3.0, GreaterThan(0.0),
-      "Peak threshold for detection, in gray values from 0 to 1. Decrease it "
-      "for images of low contrast."};
+      "Set the peak threshold of detection, in gray values from 0 to 1. "
+      "Decrease it for images of low contrast."};
   Option<double> edge_threshold{"edge_threshold", 10.0, GreaterThan(1.0),
-                                "Edge threshold for detection: maximum ratio "
-                                "of the principal curvatures."};
+                                "Set the edge threshold of detection, the "
+                                "maximum ratio of the principal curvatures."};
   Option<int> max_num_orientations{
       "max_num_orientations", 2, Between(1, 4),
-      "Maximum number of orientations per keypoint."};
+      "Limit the number of orientations per keypoint."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -107,8 +108,8 @@ struct SiftOptions {
 struct FeatureExtractionOptions {
   Option<std::string> image_list_path{
       "image_list_path", "",
-      "File with one image name per line, relative to the image folder. By "
-      "default all images of the folder are used."};
+      "Use only the images that this file names, one per line, relative to the "
+      "image folder. By default, all images of the folder are used."};
   ImageReaderOptions reader;
   SiftOptions sift;
 

@@ -14,15 +14,15 @@ namespace mgsfm {
 struct FeatureImportOptions {
   Option<std::string> import_path{
       "import_path", "", Required(),
-      "Features in HDF5 as hloc writes them: keypoints and descriptors of each "
-      "image."};
+      "Read features from this HDF5 file as hloc writes it: keypoints and "
+      "descriptors of each image."};
   Option<std::string> matches_path{
       "matches_path", "",
-      "Matches of these features in HDF5 as hloc writes them. They are raw: "
-      "run geometric_verifier next."};
+      "Read matches of these features from this HDF5 file as hloc writes it. "
+      "They are raw: run geometric_verifier next."};
   Option<std::string> image_path{
       "image_path", "",
-      "Folder of the images, for their size, focal length and GPS position. By "
+      "Read size, focal length and GPS position of images from this folder. By "
       "default, sizes are those of the features, and focal lengths are "
       "guesses."};
   ImageReaderOptions reader;

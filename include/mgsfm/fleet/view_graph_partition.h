@@ -23,11 +23,12 @@ namespace mgsfm {
 struct PartitionOptions {
   Option<int> num_clusters{
       "partition", 0, AtLeast(0), "clusters",
-      "Only cut the view graph into about this many overlapping clusters of "
-      "frames, and write lists of their images. 0: reconstruct."};
+      "Cut the view graph into about this many overlapping clusters of frames "
+      "and write lists of their images, instead of reconstructing. 0 "
+      "reconstructs."};
   Option<int> num_overlap_frames{
       "partition_overlap", 5, AtLeast(3), "frames",
-      "Frames on either side of a cut that both clusters have."};
+      "Let both clusters have this many frames on either side of a cut."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

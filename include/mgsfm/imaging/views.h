@@ -28,30 +28,32 @@ struct EnumTable<ViewProjection> {
 struct ViewOptions {
   Option<ViewProjection> projection{
       "projection", ViewProjection::kAuto,
-      "pinhole: one view per image. cube: one image per visible face of a "
-      "cube, with fixed poses in the rig. auto: cube for fisheyes "
-      "and panoramas too wide for a pinhole image."};
+      "Choose the views. pinhole: one per image. cube: one per visible face of "
+      "a cube, with fixed poses in the rig. auto: cube for fisheyes and "
+      "panoramas too wide for a pinhole image."};
   Option<double> field_of_view_deg{
       "field_of_view", 0.0, Between(0.0, 160.0), "deg",
-      "Horizontal field of view of each undistorted image. 0: 90 for the faces "
-      "of a cube; that of the original for a pinhole image, but at most 120."};
+      "Set the horizontal field of view of each undistorted image. 0: 90 for "
+      "the faces of a cube; that of the original for a pinhole image, but at "
+      "most 120."};
   Option<double> max_view_angle_deg{
       "max_view_angle", 0.0, Between(0.0, 180.0), "deg",
-      "Largest angle to the optical axis that is used; masks show what is not. "
+      "Use pixels up to this angle to the optical axis; masks show the others. "
       "0: at the nearest image border, but at least 90."};
   Option<double> blank_pixels{
       "blank_pixels", 0.0, Between(0.0, 1.0),
-      "Amount of blank pixels in a pinhole image of the original field of "
-      "view: 0 crops to pixels that the original has, 1 keeps all of them."};
+      "Keep this amount of blank pixels in a pinhole image of the original "
+      "field of view: 0 crops to pixels that the original has, 1 keeps all of "
+      "them."};
   Option<double> min_scale{
       "min_scale", 0.2, Range{0.0, 10.0, true, false},
-      "Smallest factor by which cropping may change the size of a view."};
+      "Limit the factor by which cropping may shrink a view."};
   Option<double> max_scale{
       "max_scale", 2.0, Range{0.0, 10.0, true, false},
-      "Largest factor by which blank pixels may change the size of a view."};
+      "Limit the factor by which blank pixels may enlarge a view."};
   Option<int> max_image_size{
       "max_image_size", -1, AtLeast(-1), "px",
-      "Maximum width or height of undistorted images; -1: no limit."};
+      "Limit the width and height of undistorted images. -1: no limit."};
   Option<bool> center_principal_point{
       "center_principal_point", false,
       "Crop images so that the principal point is their center, as some "

@@ -69,10 +69,10 @@ struct EnumTable<WeakSeams> {
 struct MapperOptions {
   Option<int> min_num_frames{
       "min_num_frames", 3, AtLeast(2), "frames",
-      "Connected components with fewer frames do not become models."};
-  Option<int> min_model_size{
-      "Mapper.min_model_size", 10, AtLeast(1), "images",
-      "Models with fewer images are not written, except for the largest one."};
+      "Reconstruct only connected components of at least this many frames."};
+  Option<int> min_model_size{"Mapper.min_model_size", 10, AtLeast(1), "images",
+                             "Write only models of at least this many images, "
+                             "and always the largest one."};
   Option<bool> compute_covariances{
       "compute_covariances", false,
       "Compute the covariances of the poses of sensors in their rig and of "
@@ -80,9 +80,9 @@ struct MapperOptions {
 
   Option<std::string> metric_scale{
       "metric_scale", "",
-      "known_baseline=CAMERA1:CAMERA2:METERS scales models such that the two "
-      "cameras of a rig are this far apart. Neither a known rig nor measured "
-      "positions need it."};
+      "Scale models so that two cameras of a rig are as far apart as "
+      "known_baseline=CAMERA1:CAMERA2:METERS states. Neither a known rig nor "
+      "measured positions need it."};
   Option<WeakSeams> weak_seams{
       "Mapper.weak_seams", WeakSeams::kKeep,
       "Choose what happens at the weak seams of a model: keep reports them, "

@@ -16,19 +16,18 @@ namespace mgsfm {
 struct DescriptorMatchingOptions {
   Option<double> max_ratio{
       "max_ratio", 0.8, GreaterThan(0.0),
-      "Maximum distance ratio between the best and the second best match. "
-      "Decrease it if structures repeat."};
-  Option<double> max_distance{
-      "max_distance", 0.7, GreaterThan(0.0), "rad",
-      "Maximum distance to the best match, as the angle between the "
-      "descriptors."};
+      "Reject matches with a larger distance ratio between the best and the "
+      "second best match. Decrease it if structures repeat."};
+  Option<double> max_distance{"max_distance", 0.7, GreaterThan(0.0), "rad",
+                              "Reject matches with a larger distance, the "
+                              "angle between the descriptors."};
   Option<bool> cross_check{
       "cross_check", true,
       "Keep a match only if each descriptor is the best match of the other."};
   Option<int> max_num_matches{
       "max_num_matches", 32768, AtLeast(1), "features",
-      "Maximum number of features matched per image; those after it in the "
-      "database are ignored."};
+      "Match at most this many features per image; the features after these in "
+      "the database are ignored."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -38,38 +37,36 @@ struct DescriptorMatchingOptions {
 
 // Names are COLMAP's.
 struct TwoViewGeometryOptions {
-  Option<int> min_num_inliers{
-      "min_num_inliers", 15, AtLeast(8), "matches",
-      "Minimum number of inliers of a verified image pair."};
+  Option<int> min_num_inliers{"min_num_inliers", 15, AtLeast(8), "matches",
+                              "Reject image pairs with fewer inliers."};
   Option<double> min_inlier_ratio{
       "min_inlier_ratio", 0.25, Between(0.0, 1.0),
-      "Minimum inlier ratio of a verified image pair."};
+      "Reject image pairs with a smaller inlier ratio."};
   Option<double> max_error{
       "max_error", 4.0, GreaterThan(0.0), "px",
-      "Maximum epipolar or homography transfer error of an inlier. Increase it "
-      "for images of very high resolution."};
-  Option<double> confidence{
-      "confidence", 0.999, Between(0.0, 0.999999),
-      "Confidence of RANSAC: probability that at least one sample is free of "
-      "outliers."};
+      "Count matches with at most this epipolar or homography transfer error "
+      "as inliers. Increase it for images of very high resolution."};
+  Option<double> confidence{"confidence", 0.999, Between(0.0, 0.999999),
+                            "Stop RANSAC at this probability that at least one "
+                            "sample is free of outliers."};
   Option<int> max_num_trials{"max_num_trials", 10000, AtLeast(1), "trials",
-                             "Maximum number of RANSAC trials per image pair."};
+                             "Limit the RANSAC trials per image pair."};
   // COLMAP's spelling. NOLINTNEXTLINE(readability-identifier-naming)
   Option<double> max_H_inlier_ratio{
       "max_H_inlier_ratio", 0.8, Between(0.0, 1.0),
-      "An image pair is planar or panoramic if the ratio of homography inliers "
-      "to inliers exceeds this value."};
+      "Take an image pair for planar or panoramic if the ratio of homography "
+      "inliers to inliers exceeds this value."};
   Option<bool> detect_watermark{
       "detect_watermark", true,
       "Detect pairs whose inliers are a watermark, that is, a translated "
       "pattern at the image border."};
   Option<double> watermark_border_size{
       "watermark_border_size", 0.1, Between(0.0, 0.5), "of the diagonal",
-      "Width of the border in which watermarks are searched."};
+      "Set the width of the border in which watermarks are searched."};
   Option<double> watermark_min_inlier_ratio{
       "watermark_min_inlier_ratio", 0.7, Between(0.0, 1.0),
-      "Minimum ratio of inliers in the border that share one translation for a "
-      "pair to be a watermark."};
+      "Take a pair for a watermark if at least this ratio of its inliers is in "
+      "the border and shares one translation."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -86,7 +83,7 @@ struct RigVerificationOptions {
       "an effect only where the rig extrinsics are known."};
   Option<int> min_num_unit_inliers{
       "min_num_unit_inliers", 8, AtLeast(5), "matches",
-      "Minimum number of inliers of an image pair to the rig motion of its two "
+      "Reject image pairs with fewer inliers to the rig motion of their two "
       "frames. Increase it if rigs see duplicate structures."};
 
   template <class Visitor>
@@ -101,8 +98,8 @@ struct PairMatchingOptions {
   RigVerificationOptions rig_verification;
   Option<int> cache_size_mib{
       "cache_size", 1024, AtLeast(1), "MiB",
-      "Size of the feature cache. The features of the two images being matched "
-      "are always in memory."};
+      "Limit the memory of cached features. The features of the two images "
+      "being matched are always in memory."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -118,8 +115,8 @@ struct PairMatchingOptions {
 struct ExhaustiveMatchingOptions {
   Option<int> block_size{
       "block_size", 50, AtLeast(1), "images",
-      "Number of images per block; all images of two blocks are matched with "
-      "each other. Decrease it if memory is short."};
+      "Match blocks of this many images: all images of two blocks are matched "
+      "with each other. Decrease it if memory is short."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -128,10 +125,9 @@ struct ExhaustiveMatchingOptions {
 };
 
 struct SequentialPairOptions {
-  Option<int> overlap{
-      "overlap", 10, AtLeast(1), "frames",
-      "Number of overlapping frames: each image is matched with the following "
-      "frames of its sequence."};
+  Option<int> overlap{"overlap", 10, AtLeast(1), "frames",
+                      "Match each image with the following frames of its "
+                      "sequence, up to this number."};
   Option<bool> quadratic_overlap{
       "quadratic_overlap", false,
       "Also match images with those 2^k frames later, for k < overlap. Set it "
@@ -142,12 +138,12 @@ struct SequentialPairOptions {
       "following frames."};
   Option<int> num_probe_frames{
       "num_probe_frames", 10, AtLeast(1), "frames",
-      "Number of frames in which all camera pairs are tried, to learn which "
-      "cameras overlap and how many frames later."};
+      "Try all camera pairs in this many frames, to learn which cameras "
+      "overlap and how many frames later."};
   Option<double> min_probe_ratio{
       "min_probe_ratio", 0.1, Between(0.0, 1.0),
-      "Camera pairs verified in a smaller ratio of the probe frames are not "
-      "matched in the others."};
+      "Match two cameras in all frames only if at least this fraction of the "
+      "probe frames verified."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -162,20 +158,20 @@ struct SequentialMatchingOptions {
       "loop_detection", true,
       "Detect loops with a vocabulary tree, which is trained on the images "
       "themselves."};
-  Option<int> loop_detection_period{
-      "loop_detection_period", 1, AtLeast(1), "frames",
-      "Loop detection is invoked every this many frames."};
+  Option<int> loop_detection_period{"loop_detection_period", 1, AtLeast(1),
+                                    "frames",
+                                    "Detect loops at every n-th frame."};
   Option<int> loop_detection_num_images{
       "loop_detection_num_images", 50, AtLeast(1), "frames",
-      "Number of most similar frames to retrieve in loop detection."};
+      "Retrieve this many most similar frames in loop detection."};
   Option<int> loop_detection_num_images_after_verification{
       "loop_detection_num_images_after_verification", 10, AtLeast(0), "frames",
-      "Number of retrieved frames to keep after spatial verification of their "
-      "visual words; 0 keeps all without verification."};
+      "Keep this many retrieved frames after spatial verification of their "
+      "visual words. 0 keeps all without verification."};
   Option<int> loop_detection_max_num_features{
       "loop_detection_max_num_features", 2000, AtLeast(-1), "features",
-      "Maximum number of features per image used in loop detection, the "
-      "largest first; -1 uses all."};
+      "Use at most this many features per image in loop detection, the largest "
+      "first. -1 uses all."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -189,17 +185,16 @@ struct SequentialMatchingOptions {
 struct VocabularyTrainingOptions {
   Option<int> num_visual_words{
       "num_visual_words", 65536, AtLeast(1), "words",
-      "Desired number of visual words. There are fewer if there are fewer than "
-      "8 descriptors per word."};
-  Option<int> branching{
-      "branching", 16, Between(2, 1024), "children",
-      "Maximum number of children of a node of the vocabulary tree."};
+      "Train about this many visual words. There are fewer if there are fewer "
+      "than 8 descriptors per word."};
+  Option<int> branching{"branching", 16, Between(2, 1024), "children",
+                        "Limit the children of a node of the vocabulary tree."};
   Option<int> num_iterations{"num_iterations", 8, AtLeast(1), "iterations",
-                             "Maximum number of k-means iterations per level."};
-  Option<int> max_num_descriptors{
-      "max_num_descriptors", 400000, AtLeast(1), "descriptors",
-      "Number of descriptors, sampled evenly from all images, on which the "
-      "tree is trained."};
+                             "Limit the k-means iterations per level."};
+  Option<int> max_num_descriptors{"max_num_descriptors", 400000, AtLeast(1),
+                                  "descriptors",
+                                  "Train the tree on this many descriptors, "
+                                  "sampled evenly from all images."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -210,8 +205,9 @@ struct VocabularyTrainingOptions {
 struct VocabularyOptions : VocabularyTrainingOptions {
   Option<std::string> vocab_tree_path{
       "vocab_tree_path", "",
-      "Vocabulary tree of vocab_tree_builder. By default a tree is trained on "
-      "the images themselves. Set it if several processes match the images."};
+      "Use this vocabulary tree of vocab_tree_builder. By default, a tree is "
+      "trained on the images themselves. Set it if several processes match the "
+      "images."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -223,15 +219,14 @@ struct VocabularyOptions : VocabularyTrainingOptions {
 struct VocabTreeMatchingOptions {
   Option<int> num_images{
       "num_images", 100, AtLeast(1), "frames",
-      "Number of most similar frames to retrieve for each frame."};
+      "Retrieve this many most similar frames for each frame."};
   Option<int> num_images_after_verification{
       "num_images_after_verification", 0, AtLeast(0), "frames",
-      "Number of retrieved frames to keep after spatial verification of their "
-      "visual words; 0 keeps all without verification."};
-  Option<int> max_num_features{
-      "max_num_features", -1, AtLeast(-1), "features",
-      "Maximum number of features per image used for retrieval, the largest "
-      "first; -1 uses all."};
+      "Keep this many retrieved frames after spatial verification of their "
+      "visual words. 0 keeps all without verification."};
+  Option<int> max_num_features{"max_num_features", -1, AtLeast(-1), "features",
+                               "Use at most this many features per image for "
+                               "retrieval, the largest first. -1 uses all."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -241,16 +236,13 @@ struct VocabTreeMatchingOptions {
 
 struct SpatialMatchingOptions {
   Option<PositionKind> is_gps{"is_gps", PositionKind::kAuto, kPositionKindHelp};
-  Option<bool> ignore_z{
-      "ignore_z", true,
-      "Whether to ignore the altitude. Unset it if cameras move vertically and "
-      "their altitudes are accurate."};
-  Option<int> max_num_neighbors{
-      "max_num_neighbors", 50, AtLeast(1), "images",
-      "Maximum number of nearest neighbors to match."};
-  Option<double> max_distance{
-      "max_distance", 100.0, GreaterThan(0.0), "m",
-      "Maximum distance between the query and its nearest neighbors."};
+  Option<bool> ignore_z{"ignore_z", true,
+                        "Ignore the altitude. Unset it if cameras move "
+                        "vertically and their altitudes are accurate."};
+  Option<int> max_num_neighbors{"max_num_neighbors", 50, AtLeast(1), "images",
+                                "Match at most this many nearest neighbors."};
+  Option<double> max_distance{"max_distance", 100.0, GreaterThan(0.0), "m",
+                              "Match only neighbors within this distance."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

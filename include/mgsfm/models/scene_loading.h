@@ -59,21 +59,21 @@ namespace mgsfm {
 struct SceneLoadingOptions {
   Option<std::string> rig_config_path{
       "rig_config_path", "",
-      "COLMAP's rig_config.json, or the folder of an earlier model with the "
-      "calibration. Overrides the rigs of the database."};
+      "Read the rigs from COLMAP's rig_config.json, or from the folder of an "
+      "earlier model with the calibration. They override the rigs of the "
+      "database."};
   Option<std::string> calibration_path{
       "calibration_path", "",
-      "Calibration of the cameras by Kalibr, EuRoC (sensor.yaml), OpenCV, ROS, "
-      "KITTI, KITTI-360, nuScenes, Argoverse 1 or COLMAP (rig_config.json): "
-      "a file, several separated by commas, or a folder. Sets intrinsics and "
-      "poses in the rig."};
+      "Read intrinsics and poses in the rig from a calibration by Kalibr, "
+      "EuRoC (sensor.yaml), OpenCV, ROS, KITTI, KITTI-360, nuScenes, Argoverse "
+      "1 or COLMAP (rig_config.json): a file, several separated by commas, or "
+      "a folder."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Rule by which image names identify cameras and frames: auto (by folder, "
-      "unless "
-      "the database has rigs), none (single images), or a regular expression "
-      "with a group (?<camera>...) and optional groups (?<frame>...) and "
-      "(?<rig>...)."};
+      "Choose how image names identify cameras and frames: auto (by folder, "
+      "unless the database has rigs), none (single images), or a regular "
+      "expression with a group (?<camera>...) and optional groups "
+      "(?<frame>...) and (?<rig>...)."};
 
   Option<double> frame_max_time_difference_s{
       "frame_max_time_difference_s", 0.0, Between(0.0, 1e6), "s",
@@ -82,9 +82,10 @@ struct SceneLoadingOptions {
       "names are times that differ from camera to camera."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
-      "File with a line `image_name SECONDS` for every image: its time of "
-      "exposure. Otherwise frame_max_time_difference_s uses the times in image "
-      "names. SoftRig.method time_offset needs times, too."};
+      "Read the exposure times of images from this file, a line `image_name "
+      "SECONDS` for every image. Without it, frame_max_time_difference_s uses "
+      "the times in image names. SoftRig.method time_offset needs exposure "
+      "times, too."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -102,9 +103,8 @@ struct SceneLoadingOptions {
 struct RigSplitOptions {
   Option<std::string> split_rig_at{
       "split_rig_at", "",
-      "Name of a frame from which on its rig gets a calibration of its own. "
-      "Set "
-      "it if a camera was moved during the recording."};
+      "Give the rig a calibration of its own from the frame of this name on. "
+      "Set it if a camera was moved during the recording."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

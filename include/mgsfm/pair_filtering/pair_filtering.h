@@ -78,89 +78,68 @@ struct EnumTable<SequenceMode> {
 struct PairFilteringOptions {
   Option<SequenceMode> is_sequence{
       "is_sequence", SequenceMode::kAuto,
-      "Whether timestamps or names give the temporal order of frames. Then "
-      "pairs of neighbors decide how the trajectory continues, not loop "
-      "pairs."};
-  Option<bool> use_skeletal_graph{
-      "use_skeletal_graph", true,
-      "Start rotations and positions from a skeletal graph. Without it, the "
-      "two rules that compare pairs with the skeleton are off, too."};
-  Option<bool> use_triplet_support{
-      "use_triplet_support", true,
-      "Select the skeletal graph by triplet-consistent matches first, instead "
-      "of by all matches."};
-  Option<bool> use_rotation_consistency{
-      "use_rotation_consistency", true,
-      "Reject pairs whose rotation is beyond the drift bound of the skeletal "
-      "graph."};
-  Option<bool> use_unsupported_bridges{
-      "use_unsupported_bridges", true,
-      "Reject a pair that alone connects two components if it has no triplet "
-      "support and other pairs contradict it."};
+      "State whether timestamps or names give the temporal order of frames. If "
+      "they do, pairs of neighbors decide how the trajectory continues, not "
+      "loop pairs."};
+  // Start rotations and positions from a skeletal graph. Without it, the two
+  // rules that compare pairs with the skeleton are off, too.
+  bool use_skeletal_graph = true;
+  // Select the skeletal graph by triplet-consistent matches first, instead of
+  // by all matches.
+  bool use_triplet_support = true;
+  // Reject pairs whose rotation is beyond the drift bound of the skeletal
+  // graph.
+  bool use_rotation_consistency = true;
+  // Reject a pair that alone connects two components if it has no triplet
+  // support and other pairs contradict it.
+  bool use_unsupported_bridges = true;
   Option<bool> use_motion_continuity{
       "use_motion_continuity", true,
-      "In a sequence, reject pairs that show an object moving along with the "
+      "Reject pairs of a sequence that show an object moving along with the "
       "rig, where two motions exclude each other by their matches and persist "
       "in adjacent frames."};
   Option<bool> use_fixed_regions{
       "use_fixed_regions", true,
       "Drop the matches of image regions whose content moves along with the "
       "rig during the whole recording, such as a hull, a cabin or a tripod."};
-  Option<bool> use_baseline_drift_bound{
-      "use_baseline_drift_bound", true,
-      "Ignore baselines beyond the drift bound of the skeletal graph when "
-      "positions are initialized."};
-  Option<bool> use_baseline_consistency{
-      "use_baseline_consistency", true,
-      "Reject pairs whose baseline contradicts the estimated positions."};
+  // Ignore baselines beyond the drift bound of the skeletal graph when
+  // positions are initialized.
+  bool use_baseline_drift_bound = true;
+  // Reject pairs whose baseline contradicts the estimated positions.
+  bool use_baseline_consistency = true;
 
-  Option<double> min_strength{
-      "min_strength", 0.6, Between(0.0, 1.0),
-      "Strength of a pair of frames, relative to the strongest pair of either "
-      "frame, above which it joins the skeletal graph."};
-  Option<double> min_connecting_strength{
-      "min_connecting_strength", 0.5, Between(0.0, 1.0),
-      "Strength, relative to the strongest pair that leaves a component, from "
-      "which a pair connects components of the skeletal graph."};
-  Option<double> max_rotation_error_deg{
-      "max_rotation_error_deg", 3.0, Between(0.0, 180.0), "deg",
-      "Tolerance of pair rotations against those of the skeletal graph; the "
-      "drift bound is added to it."};
-  Option<double> rotation_drift_in_sigmas{
-      "rotation_drift_in_sigmas", 2.0, AtLeast(0.0), "sigmas",
-      "Drift bound of rotations in standard deviations of a random walk along "
-      "the skeletal graph."};
-  Option<double> max_rotation_drift_deg{
-      "max_rotation_drift_deg", 17.0, Between(0.0, 180.0), "deg",
-      "Upper limit of the drift bound of rotations."};
-  Option<double> min_share_against_bridge{
-      "min_share_against_bridge", 0.5, AtLeast(0.0),
-      "A bridge is rejected if the pairs that contradict it have at least this "
-      "multiple of its matches."};
-  Option<double> max_baseline_drift{
-      "max_baseline_drift", 0.2, GreaterThan(0.0),
-      "Largest drift bound of positions, as a share of the path length. It is "
-      "tightened to a tenth while positions violate the skeletal graph."};
-  Option<double> max_baseline_error_in_depths{
-      "max_baseline_error_in_depths", 0.25, AtLeast(0.0), "depths",
-      "Baseline errors below this many typical depths of points never reject a "
-      "pair. Loop closures miss by the drift, which is small compared with "
-      "what the cameras see."};
-  Option<double> max_relative_baseline_error{
-      "max_relative_baseline_error", 0.5, AtLeast(0.0),
-      "Baseline errors below this share of the longer of the measured and "
-      "estimated baseline never reject a pair. Steps of a sequence have the "
-      "same tolerance."};
+  // Strength of a pair of frames, relative to the strongest pair of either
+  // frame, above which it joins the skeletal graph.
+  double min_strength = 0.6;
+  // Strength, relative to the strongest pair that leaves a component, from
+  // which a pair connects components of the skeletal graph.
+  double min_connecting_strength = 0.5;
+  // Tolerance of pair rotations against those of the skeletal graph; the drift
+  // bound is added to it.
+  double max_rotation_error_deg = 3.0;
+  // Drift bound of rotations in standard deviations of a random walk along the
+  // skeletal graph.
+  double rotation_drift_in_sigmas = 2.0;
+  // Upper limit of the drift bound of rotations.
+  double max_rotation_drift_deg = 17.0;
+  // A bridge is rejected if the pairs that contradict it have at least this
+  // multiple of its matches.
+  double min_share_against_bridge = 0.5;
+  // Largest drift bound of positions, as a share of the path length. It is
+  // tightened to a tenth while positions violate the skeletal graph.
+  double max_baseline_drift = 0.2;
+  // Baseline errors below this many typical depths of points never reject a
+  // pair. Loop closures miss by the drift, which is small compared with what
+  // the cameras see.
+  double max_baseline_error_in_depths = 0.25;
+  // Baseline errors below this share of the longer of the measured and
+  // estimated baseline never reject a pair. Steps of a sequence have the same
+  // tolerance.
+  double max_relative_baseline_error = 0.5;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(is_sequence, use_skeletal_graph, use_triplet_support,
-          use_rotation_consistency, use_unsupported_bridges,
-          use_motion_continuity, use_fixed_regions, use_baseline_drift_bound,
-          use_baseline_consistency, min_strength, min_connecting_strength,
-          max_rotation_error_deg, rotation_drift_in_sigmas,
-          max_rotation_drift_deg, min_share_against_bridge, max_baseline_drift,
-          max_baseline_error_in_depths, max_relative_baseline_error);
+    visit(is_sequence, use_motion_continuity, use_fixed_regions);
   }
 };
 

@@ -27,10 +27,10 @@ struct EnumTable<PositionKind> {
 };
 
 constexpr char kPositionKindHelp[] =
-    "Whether positions in a file, or in a database without coordinate system, "
-    "are latitude, longitude (deg) and altitude (m). auto: as their range "
-    "tells: degrees of one recording differ by less than 1 and are far from "
-    "zero.";
+    "State whether positions in a file, or in a database without coordinate "
+    "system, are latitude, longitude (deg) and altitude (m). auto decides by "
+    "their range: degrees of one recording differ by less than 1 and are far "
+    "from zero.";
 
 // Measured positions of images, by GPS or in any Cartesian world, and measured
 // gravity: from the table pose_priors of the database, or from a file with one
@@ -55,13 +55,16 @@ struct PosePriorOptions {
       "database."};
   Option<double> prior_position_std_x_m{
       "prior_position_std_x", 1.0, GreaterThan(0.0), "m",
-      "Standard deviation towards the east of positions without covariance."};
+      "Set the standard deviation toward the east of positions without "
+      "covariance."};
   Option<double> prior_position_std_y_m{
       "prior_position_std_y", 1.0, GreaterThan(0.0), "m",
-      "Standard deviation towards the north of positions without covariance."};
+      "Set the standard deviation toward the north of positions without "
+      "covariance."};
   Option<double> prior_position_std_z_m{
       "prior_position_std_z", 1.0, GreaterThan(0.0), "m",
-      "Standard deviation of the height of positions without covariance."};
+      "Set the standard deviation of the height of positions without "
+      "covariance."};
   Option<bool> use_prior_gravity{
       "use_prior_gravity", false,
       "Use the gravity directions in the table pose_priors to level the "

@@ -31,24 +31,15 @@ namespace mgsfm {
 // one pass over the keypoints of a frame per sample. Frames run in parallel.
 
 struct ResectionOptions {
-  Option<double> abs_pose_max_error_px{
-      "abs_pose_max_error", 12.0, GreaterThan(0.0), "px",
-      "Maximum reprojection error of an inlier in absolute pose estimation. "
-      "Increase it for images of very high resolution."};
-  Option<int> abs_pose_min_num_inliers{
-      "abs_pose_min_num_inliers", 30, AtLeast(4), "keypoints",
-      "Minimum number of inliers, over all images of a frame, to register it."};
-  Option<double> abs_pose_min_inlier_ratio{
-      "abs_pose_min_inlier_ratio", 0.25, Between(0.0, 1.0),
-      "Minimum inlier ratio, over all images of a frame, to register it."};
+  // Maximum reprojection error of an inlier in absolute pose estimation.
+  // Increase it for images of very high resolution.
+  double abs_pose_max_error_px = 12.0;
+  // Minimum number of inliers, over all images of a frame, to register it.
+  int abs_pose_min_num_inliers = 30;
+  // Minimum inlier ratio, over all images of a frame, to register it.
+  double abs_pose_min_inlier_ratio = 0.25;
   // Maximum number of RANSAC trials per frame.
   int abs_pose_max_num_trials = 2000;
-
-  template <class Visitor>
-  void Describe(Visitor& visit) {
-    visit(abs_pose_max_error_px, abs_pose_min_num_inliers,
-          abs_pose_min_inlier_ratio);
-  }
 };
 
 // A frame without pose in the model.
@@ -103,7 +94,7 @@ struct ExtensionOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(fix_existing_frames, resection);
+    visit(fix_existing_frames);
   }
 };
 

@@ -89,20 +89,17 @@ struct RotationAveragingOptions {
   Option<RotationStrategy> strategy{
       "strategy", RotationStrategy::kAuto,
       "Estimate sensor_from_rig rotations first and frames next (decoupled), "
-      "or all jointly (joint); auto: joint if the method of the mapper is "
-      "mma, else decoupled."};
+      "or all jointly (joint). auto: joint if the method of the mapper is mma, "
+      "else decoupled."};
   Option<double> max_error_deg{
       "max_error_deg", 10.0, Between(0.0, 180.0), "deg",
-      "Pairs whose relative rotation deviates more from the estimate are "
-      "rejected."};
-  Option<int> inlier_cap{
-      "inlier_cap", 200, AtLeast(1), "matches",
-      "Matches beyond this count do not increase the weight of a pair."};
+      "Reject pairs whose relative rotation deviates more from the estimate."};
+  // Matches beyond this count do not increase the weight of a pair.
+  int inlier_cap = 200;
   // Maximum number of linearizations of L1 averaging.
   int max_num_l1_iterations = 5;
-  Option<int> max_num_iterations{
-      "max_num_iterations", 100, AtLeast(1), "iterations",
-      "Maximum number of iterations of re-weighted least squares."};
+  // Maximum number of iterations of re-weighted least squares.
+  int max_num_iterations = 100;
   // Iterations stop when no rotation changes by more than this angle.
   double step_tolerance_deg = 5e-5;
   // A sensor without overlap is unobservable if its rotations about a second
@@ -114,7 +111,7 @@ struct RotationAveragingOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(strategy, max_error_deg, inlier_cap, max_num_iterations);
+    visit(strategy, max_error_deg);
   }
 };
 

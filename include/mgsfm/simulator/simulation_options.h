@@ -138,44 +138,45 @@ struct EnumTable<NoiseLevel> {
 // without verification. StreetSimulation() returns realistic settings.
 struct SimulationOptions {
   Option<RigPreset> rig{"rig", RigPreset::kStereo,
-                        "Preset of the cameras and their poses in the rig."};
+                        "Choose the cameras and their poses in the rig."};
   Option<PathPreset> path{"path", PathPreset::kCurve,
-                          "Preset of the trajectory of the rig."};
+                          "Choose the trajectory of the rig."};
   Option<int> num_frames{"num_frames", 20, Between(1, 100000), "frames",
-                         "Number of frames of `path`."};
+                         "Simulate this many frames of `path`."};
   Option<double> frame_spacing_m{
       "frame_spacing", 1.0, GreaterThan(0.0), "m",
-      "Distance between consecutive frames of `path`."};
+      "Set the distance between consecutive frames of `path`."};
   Option<int> frame_step{
       "frame_step", 1, AtLeast(1),
       "Use every n-th pose of an input trajectory as a frame."};
   Option<double> frame_rate_hz{
       "frame_rate", 10.0, GreaterThan(0.0), "Hz",
-      "Poses per second of a trajectory without timestamps; in a world with a "
-      "path of its own, the rate at which the same motion is sampled."};
+      "Set the poses per second of a trajectory without timestamps or, in a "
+      "world with a path of its own, the rate at which the same motion is "
+      "sampled."};
   Option<bool> time_names{
       "time_names", false,
       "Name images by their times in nanoseconds instead of frame numbers."};
 
   Option<WorldPreset> world{"world", WorldPreset::kScatter,
-                            "Preset of the scene."};
+                            "Choose the scene."};
   Option<int> num_points_per_frame{
       "num_points_per_frame", 300, AtLeast(1), "points",
-      "Number of points around each frame of a scattered world."};
+      "Scatter this many points around each frame of a scattered world."};
   Option<double> max_visible_distance_m{
       "max_visible_distance", 30.0, GreaterThan(1.0), "m",
-      "Maximum distance of visible points. In a street, the skyline is always "
+      "Hide points beyond this distance. In a street, the skyline is always "
       "visible."};
   Option<int> max_num_features_per_image{
       "max_num_features", 500, AtLeast(1), "features",
-      "Maximum number of features per image."};
+      "Detect at most this many features per image."};
   Option<double> repeatability{
       "repeatability", 0.5, Between(0.0, 1.0),
-      "Mean probability of detecting a visible point of a street. Scattered "
-      "points are always detected."};
+      "Set the mean probability of detecting a visible point of a street. "
+      "Scattered points are always detected."};
   Option<double> clutter_ratio{
       "clutter_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of features that do not correspond to a world point."};
+      "Let this fraction of features correspond to no world point."};
 
   Option<int> num_matched_frames{
       "num_matched_frames", 3, AtLeast(0), "frames",
@@ -186,82 +187,84 @@ struct SimulationOptions {
       "Also match images of different sensors."};
   Option<int> num_matched_frames_across{
       "num_matched_frames_across", 100000, Between(0, 100000), "frames",
-      "Additional limit on num_matched_frames for images of different "
-      "sensors."};
+      "Limit num_matched_frames further for images of different sensors."};
   Option<int> max_num_loop_images{
       "max_num_loop_images", 0, AtLeast(0), "images",
-      "Maximum number of earlier images matched with each image of a revisited "
-      "place, those with the most common points."};
+      "Match each image of a revisited place with at most this many earlier "
+      "images, the ones with the most common points."};
   Option<int> min_num_matches{"min_num_matches", 15, AtLeast(1), "matches",
-                              "Minimum number of matches of an image pair."};
+                              "Drop image pairs with fewer matches."};
   Option<double> max_verification_error_px{
       "max_verification_error", 0.0, AtLeast(0.0), "px",
-      "Maximum epipolar error of verified matches; 0 accepts all matches."};
+      "Reject matches with a larger epipolar error. 0 accepts all matches."};
 
   Option<double> pixel_noise_px{
       "pixel_noise", 0.0, AtLeast(0.0), "px",
-      "Standard deviation of each coordinate of the keypoints."};
+      "Set the standard deviation of each coordinate of the keypoints."};
   Option<double> keypoint_noise_tail{
       "keypoint_noise_tail", 0.0, Between(0.0, 0.5),
-      "If positive, keypoint noise has Student's t distribution with the "
-      "inverse of this number of degrees of freedom, and grows with the scale "
-      "of the keypoint: pixel_noise holds for the smallest."};
+      "Draw keypoint noise from Student's t distribution with the inverse of "
+      "this number of degrees of freedom, and let it grow with the scale of "
+      "the keypoint: pixel_noise holds for the smallest. 0: normal noise."};
   Option<double> focal_length_error{
       "focal_length_error", 0.0, Between(-0.2, 0.2),
-      "Relative error of the written focal lengths."};
+      "Set the relative error of the written focal lengths."};
   Option<double> mismatch_ratio{
       "mismatch_ratio", 0.0, Between(0.0, 1.0),
-      "Fraction of random matches before verification."};
+      "Set the fraction of random matches before verification."};
   Option<double> epipolar_outlier_ratio{
       "epipolar_outlier_ratio", 0.0, Between(0.0, 1.0),
-      "Fraction of wrong matches that satisfy the epipolar constraint."};
-  Option<double> moving_feature_ratio{
-      "moving_feature_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of features on moving vehicles in images that show one."};
+      "Set the fraction of wrong matches that satisfy the epipolar "
+      "constraint."};
+  Option<double> moving_feature_ratio{"moving_feature_ratio", 0.0,
+                                      Between(0.0, 0.9),
+                                      "Set the fraction of features on moving "
+                                      "vehicles in images that show one."};
   Option<double> convoy_ratio{
       "convoy_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of the drive along which a large vehicle ahead or alongside "
-      "stays at a constant distance for tens of frames."};
+      "Set the fraction of the drive along which a large vehicle ahead or "
+      "alongside stays at a constant distance for tens of frames."};
   Option<double> convoy_feature_ratio{
       "convoy_feature_ratio", 0.45, Between(0.0, 0.9),
-      "Maximum fraction of the features of an image on such vehicles."};
+      "Limit the fraction of the features of an image on such vehicles."};
   Option<int> weak_cut_spacing{
       "weak_cut_spacing", 0, AtLeast(0), "frames",
-      "Mean number of frames between weak cuts, where the appearance of the "
-      "street changes so much that few matches connect both sides; 0: none."};
+      "Set the mean number of frames between weak cuts, where the appearance "
+      "of the street changes so much that few matches connect both sides. 0: "
+      "no weak cuts."};
   Option<int> min_num_weak_cut_matches{
       "min_num_weak_cut_matches", 60, AtLeast(1), "matches",
-      "Minimum number of correct matches of all pairs across a weak cut."};
+      "Keep at least this many correct matches of all pairs across a weak "
+      "cut."};
   Option<int> max_num_weak_cut_matches{
       "max_num_weak_cut_matches", 170, AtLeast(1), "matches",
-      "Maximum number of correct matches of all pairs across a weak cut, "
+      "Keep at most this many correct matches of all pairs across a weak cut, "
       "unless fewer than two pairs remain."};
   Option<double> relative_rotation_noise_deg{
       "relative_rotation_noise", 0.0, AtLeast(0.0), "deg",
-      "Standard deviation, about each axis, of the error added to relative "
-      "rotations."};
+      "Set the standard deviation, about each axis, of the error added to "
+      "relative rotations."};
   Option<double> missing_image_ratio{"missing_image_ratio", 0.0,
                                      Between(0.0, 1.0),
-                                     "Fraction of missing images."};
+                                     "Set the fraction of missing images."};
   Option<double> trigger_jitter_ms{
       "trigger_jitter", 0.0, AtLeast(0.0), "ms",
-      "Maximum deviation of the capture time of an image from the time of its "
-      "frame."};
-  Option<double> trigger_offset_ms{
-      "trigger_offset", 0.0, AnyValue(), "ms",
-      "Delay of the images of all sensors except the first relative to their "
-      "frame."};
-  Option<double> wrong_pair_ratio{
-      "wrong_pair_ratio", 0.0, Between(0.0, 1.0),
-      "Fraction of pairs with a random relative pose and random matches."};
+      "Set the maximum deviation of the capture time of an image from the time "
+      "of its frame."};
+  Option<double> trigger_offset_ms{"trigger_offset", 0.0, AnyValue(), "ms",
+                                   "Delay the images of all sensors except the "
+                                   "first relative to their frame."};
+  Option<double> wrong_pair_ratio{"wrong_pair_ratio", 0.0, Between(0.0, 1.0),
+                                  "Set the fraction of pairs with a random "
+                                  "relative pose and random matches."};
   Option<double> isolated_wrong_pair_ratio{
       "isolated_wrong_pair_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of pairs between unrelated places with a plausible relative "
-      "pose and 15 to 60 consistent matches."};
+      "Set the fraction of pairs between unrelated places with a plausible "
+      "relative pose and 15 to 60 consistent matches."};
   Option<double> duplicated_pair_ratio{
       "duplicated_pair_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of pairs that match duplicate structures, i.e. two equal "
-      "facades, in groups of mutually consistent pairs."};
+      "Set the fraction of pairs that match duplicate structures, i.e. two "
+      "equal facades, in groups of mutually consistent pairs."};
 
   Option<bool> extrinsics_are_known{
       "extrinsics_are_known", false,

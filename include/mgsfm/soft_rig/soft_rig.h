@@ -86,13 +86,12 @@ struct EnumTable<SoftRig> {
 struct SoftRigOptions {
   Option<SoftRig> method{
       "method", SoftRig::kNone,
-      "soft estimates a pose per image near the one the rig predicts, "
-      "time_offset also a trigger delay per camera from image timestamps. Use "
-      "them if cameras do not trigger simultaneously."};
-  Option<int> max_num_rounds{
-      "max_num_rounds", 15, AtLeast(1), "rounds",
-      "Set the maximum number of rounds. Raise it if the estimate has not "
-      "converged."};
+      "Estimate a pose per image near the one that the rig predicts (soft), or "
+      "also a trigger delay per camera from image timestamps (time_offset). "
+      "Use it if cameras do not trigger simultaneously."};
+  Option<int> max_num_rounds{"max_num_rounds", 15, AtLeast(1), "rounds",
+                             "Limit the number of rounds. Increase it if the "
+                             "estimate has not converged."};
   // Convergence requires that no standard deviation changes by more than this
   // fraction.
   double sigma_tolerance = 0.05;

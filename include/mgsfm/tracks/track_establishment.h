@@ -16,16 +16,14 @@ namespace mgsfm {
 struct TrackOptions {
   Option<int> min_track_length{
       "min_track_length", 3, AtLeast(2), "images",
-      "Minimum track length. Shorter tracks are only used in images with fewer "
-      "than min_tracks_per_image tracks."};
+      "Drop tracks of fewer images, except in images that have few tracks."};
   // Minimum number of tracks per image. Images with fewer also use shorter
   // tracks, the longest first.
   int min_tracks_per_image = 50;
   Option<int> max_tracks_per_image{
       "max_tracks_per_image", 0, AtLeast(0), "tracks",
-      "Maximum number of tracks per image: a track is dropped if all its "
-      "images have that many longer ones; 0 keeps all. Set it to save time and "
-      "memory."};
+      "Drop a track if all its images have this many longer ones. 0 keeps all "
+      "tracks. Set it to save time and memory."};
   // Maximum distance of two keypoints of an image that count as one feature
   // detected twice. More distant keypoints of one image in a track are a
   // conflict and split it.

@@ -42,10 +42,9 @@ namespace mgsfm {
 // stages 2 (3 unknowns per frame), 3 and 5.
 
 struct TranslationAveragingOptions {
-  Option<SolverBackend> backend{
-      "backend", SolverBackend::kNative,
-      "Solver of the refinements. ceres uses the same derivatives and serves "
-      "as a reference."};
+  // Solver of the refinements. kCeres uses the same derivatives and serves as a
+  // reference.
+  SolverBackend backend = SolverBackend::kNative;
   // Smallest parallax of matches that determine relative translations, and of
   // points. Decrease it for small baselines and precise keypoints.
   double min_parallax_deg = 0.3;
@@ -54,14 +53,14 @@ struct TranslationAveragingOptions {
   double max_angle_error_deg = 0.5;
   Option<int> max_num_iterations{
       "max_num_iterations", 50, AtLeast(1), "iterations",
-      "Iteration limit of the last solve of each refinement."};
+      "Limit the iterations of the last solve of each refinement."};
   // Positions are refined with the longest tracks until each image has this
   // many observations. 0 uses all tracks, which takes longer.
   int min_num_points_per_image = 200;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(backend, max_num_iterations);
+    visit(max_num_iterations);
   }
 };
 

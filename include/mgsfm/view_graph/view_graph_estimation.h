@@ -11,13 +11,13 @@ namespace mgsfm {
 
 struct ViewGraphOptions {
   Option<int> min_num_inliers{"min_num_inliers", 15, AtLeast(5), "matches",
-                              "Minimum number of inliers of an image pair."};
-  Option<double> min_inlier_ratio{"min_inlier_ratio", 0.25, Between(0.0, 1.0),
-                                  "Minimum inlier ratio of an image pair."};
+                              "Reject image pairs with fewer inliers."};
+  // Minimum inlier ratio of an image pair.
+  double min_inlier_ratio = 0.25;
   Option<double> max_error_px{
       "max_error_px", 2.0, GreaterThan(0.0), "px",
-      "Maximum epipolar error of an inlier. Increase it for images of very "
-      "high resolution."};
+      "Count matches with at most this epipolar error as inliers. Increase it "
+      "for images of very high resolution."};
   // Scale of the Cauchy loss on epipolar errors, as a multiple of the median
   // error of the pair.
   double loss_scale = 1.0;
@@ -34,7 +34,7 @@ struct ViewGraphOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(min_num_inliers, min_inlier_ratio, max_error_px);
+    visit(min_num_inliers, max_error_px);
   }
 };
 

@@ -22,16 +22,16 @@ struct JoinOptions {
   // (docs/results/constants.md).
   Option<int> min_num_loop_points{
       "min_num_loop_points", 10, AtLeast(3), "points",
-      "Minimum number of points that matches between two sub-maps without "
-      "common images must agree on."};
+      "Reject loop closures of which matches between two sub-maps without "
+      "common images agree on fewer points."};
   Option<double> max_loop_rotation_deg{
       "max_loop_rotation_deg", 10.0, Between(0.0, 180.0), "deg",
-      "Loop closures whose rotation contradicts the chain of sub-maps by more "
-      "are rejected."};
+      "Reject loop closures whose rotation contradicts the chain of sub-maps "
+      "by more."};
   Option<double> max_loop_drift{
       "max_loop_drift", 0.05, GreaterThan(0.0),
-      "Loop closures whose position contradicts the chain of sub-maps by more "
-      "than this share of its length are rejected. Increase it if a single "
+      "Reject loop closures whose position contradicts the chain of sub-maps "
+      "by more than this fraction of its length. Increase it if a single "
       "camera drifts in scale."};
 
   template <class Visitor>

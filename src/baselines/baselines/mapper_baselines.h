@@ -33,10 +33,10 @@ struct EnumTable<MapperMethod> {
 struct BaselineOptions {
   Option<MapperMethod> method{
       "method", MapperMethod::kMgsfm,
-      "mgsfm, or a method to compare with: dmra_mgp (global positioning of "
-      "rigs), mma (joint rotations, distances), single (global positioning of "
-      "single images, without rigs). It sets the options that are auto; others "
-      "keep their values."};
+      "Choose mgsfm, or a method to compare with: dmra_mgp (global positioning "
+      "of rigs), mma (joint rotations, distances), single (global positioning "
+      "of single images, without rigs). It sets the options that are auto; "
+      "others keep their values."};
   PositionBaselineOptions positions;
 
   template <class Visitor>

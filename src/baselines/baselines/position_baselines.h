@@ -50,13 +50,13 @@ struct EnumTable<TranslationObjective> {
 struct PositionBaselineOptions {
   Option<TranslationSource> input{
       "input", TranslationSource::kAuto,
-      "Measurements that positions are estimated from: relative translations "
+      "Choose the measurements that determine positions: relative translations "
       "of pairs, tracks from a random start, or both (hybrid). auto: as the "
       "method of the mapper, by default hybrid."};
   Option<TranslationObjective> objective{
       "objective", TranslationObjective::kAuto,
-      "Objective of the refinement: angles (non_bilinear), angles with one "
-      "scale per observation (bilinear), or none (distance, for "
+      "Choose the objective of the refinement: angles (non_bilinear), angles "
+      "with one scale per observation (bilinear), or none (distance, for "
       "relative_translations). auto: as the method of the mapper, by default "
       "non_bilinear."};
 

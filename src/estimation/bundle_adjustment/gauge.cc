@@ -85,8 +85,6 @@ void FixScale(const BundleState& state, int fixed_frame,
 // coordinate of a frame. A weak measurement of the heading fixes it instead:
 // its influence on the tilt is negligible.
 void FixHeading(const BundleState& state, int frame, BundleProblem* problem) {
-  // 11 degrees: weak against the gravity terms.
-  constexpr double kSigmaRad = 0.2;
   const GravityPrior& level = problem->gravity_priors.front();
   for (size_t i = 0; i < problem->images.size(); ++i) {
     const BundleProblem::Image& image = problem->images[i];
@@ -96,7 +94,8 @@ void FixHeading(const BundleState& state, int frame, BundleProblem* problem) {
     heading.down = level.down.unitOrthogonal();
     heading.direction = state.sensors[image.sensor].rotation *
                         (state.frames[frame].rig_from_world * heading.down);
-    heading.sigma_rad = kSigmaRad;
+    // 11 degrees: weak against the gravity terms.
+    heading.sigma_rad = 0.2;
     problem->frame_masks[frame].tail<3>().setZero();
     problem->gravity_priors.push_back(heading);
     return;

@@ -112,8 +112,7 @@ std::optional<Eigen::Vector3d> GaussNewtonStep(const Candidates& candidates,
 Hypothesis RefineHypothesis(const Candidates& candidates, double max_error_px,
                             Hypothesis hypothesis) {
   // The start is a triangulated point, so the steps converge quadratically.
-  constexpr int kMaxNumSteps = 3;
-  for (int i = 0; i < kMaxNumSteps; ++i) {
+  for (int i = 0; i < 3; ++i) {
     if (hypothesis.inliers.size() < 2) break;
     const auto step = GaussNewtonStep(candidates, hypothesis);
     if (!step) break;

@@ -16,9 +16,6 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// Normal errors of a direction exceed 4 sigma with probability exp(-8) = 3e-4.
-constexpr double kOutlierInSigmas = 4.0;
-
 // Angles to a direction are norms of vectors with two coordinates.
 double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
   return std::max(prior_sigma, RobustSigma<2>(std::move(angles)));
@@ -99,7 +96,9 @@ GravitySummary EvaluateGravity(
   if (errors_deg.empty()) return summary;
   summary.median_error_deg = Median(errors_deg);
   summary.sigma_deg = SigmaOfAngles(sigma_deg, errors_deg);
-  const double bound = kOutlierInSigmas * summary.sigma_deg;
+  // Normal errors of a direction exceed 4 sigma with probability exp(-8) =
+  // 3e-4.
+  const double bound = 4.0 * summary.sigma_deg;
   for (size_t i = 0; i < errors_deg.size(); ++i) {
     if (errors_deg[i] <= bound) continue;
     summary.outliers.push_back({image_idxs[i], errors_deg[i]});

@@ -30,19 +30,9 @@ using Vector7d = Eigen::Matrix<double, 7, 1>;
 // the quantile is 2.03; it reaches 3 with 23 % of outliers.
 constexpr double kQuantile = 0.75;
 constexpr double kMaxDistance = 3.0;
-// 95 % quantile of the norm of a standard normal 3-vector. The scale grows with
-// the median, so that a stretch that drifted does not count as outliers.
-constexpr double kMinLossScale = 2.8;
-constexpr double kLossScaleInMedians = 2.0;
 // Stiffness of the edges, from stiff to soft, in steps of 4.
 constexpr double kSigmas[] = {DegToRad(0.01), DegToRad(0.04), DegToRad(0.16),
                               DegToRad(0.64)};
-// Gauss-Newton steps per stiffness; usually the tolerance ends them.
-constexpr int kMaxNumSteps = 8;
-constexpr double kStepTolerance = 1e-3;  // standard deviations of positions
-// Lower bound of the length of an edge, in medians: frames of a standing rig
-// must not be infinitely stiff.
-constexpr double kMinRelativeLength = 0.1;
 // Regularizes what neither edges nor positions determine.
 constexpr double kDamping = 1e-9;
 
@@ -120,7 +110,8 @@ void AddEdges(const Scene& scene, const ViewGraph& view_graph,
   if (lengths.empty()) return;
   const double median = Median(std::move(lengths));
   for (Edge& edge : graph->edges) {
-    edge.length = std::max(edge.length, kMinRelativeLength * median);
+    // Frames of a standing rig must not be infinitely stiff.
+    edge.length = std::max(edge.length, 0.1 * median);
   }
 }
 
@@ -273,10 +264,11 @@ void AddEdgeTerms(const PoseGraph& graph, double sigma,
 }
 
 void AddPositionTerms(const PoseGraph& graph, GaussNewtonEquations* equations) {
-  const RobustLoss loss = {
-      RobustLossType::kCauchy,
-      std::max(kMinLossScale,
-               kLossScaleInMedians * DistanceQuantile(graph, 0.5))};
+  // 2.8 is the 95 % quantile of the norm of a standard normal 3-vector. The
+  // scale grows with the median, so that a segment that drifted does not count
+  // as outliers.
+  const RobustLoss loss = {RobustLossType::kCauchy,
+                           std::max(2.8, 2.0 * DistanceQuantile(graph, 0.5))};
   for (const PositionTerm& term : graph.positions) {
     const Node& node = graph.nodes[term.node];
     const Vector3d offset = node.Transform(term.offset);
@@ -325,12 +317,13 @@ bool Deform(bool scale_drifts, const Context& context, PoseGraph* graph) {
   double distance = first_distance;
   size_t num_inliers = ListInliers(*graph).size();
   for (const double sigma : kSigmas) {
-    for (int i = 0; i < kMaxNumSteps; ++i) {
+    for (int i = 0; i < 8; ++i) {
       context.CheckInterrupted();
       const std::optional<double> displacement =
           TakeStep(sigma, num_unknowns_per_node, &equations, graph);
       if (!displacement) return false;
-      if (*displacement <= kStepTolerance) break;
+      // In standard deviations of positions; usually, it ends the loop.
+      if (*displacement <= 1e-3) break;
     }
     distance = DistanceQuantile(*graph, kQuantile);
     const size_t num_before =

@@ -20,26 +20,13 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// With 50 % outliers (the breakdown point of LMedS), 62 of 500 samples of three
-// are free of outliers on average; one of them has little noise.
-constexpr int kNumTrials = 500;
-// Upper limits: the iterations end when the images that agree do not change.
-constexpr int kNumRefits = 10;
-constexpr int kNumAlternations = 10;
 // Distance of outliers in standard deviations. Normal noise in three dimensions
 // exceeds 4 with probability 1.1e-3.
 constexpr double kOutlierInSigmas = 4.0;
-// The same in medians of all distances; normal noise has a median of 1.54.
-constexpr double kOutlierInMedians = 3.0;
-// Smallest extent of the positions, in standard deviations: twice the median
-// distance of 1.54 that normal noise in three dimensions has.
-constexpr double kMinExtent = 3.0;
 // Standard deviation of the upward direction: cameras held roughly upright, and
 // measured gravity.
 constexpr double kUprightSigmaRad = DegToRad(10.0);
 constexpr double kGravitySigmaRad = DegToRad(1.0);
-// A rotation about the path with a larger standard deviation is reported.
-constexpr double kMaxRotationSigmaRad = DegToRad(5.0);
 
 struct Sample {
   int image_idx = 0;
@@ -127,7 +114,7 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
   const bool fits_scale = problem.fits_scale && m.variance > 0.0;
   Sim3 fit;
   if (fits_scale) fit.scale = std::sqrt(m.measured_variance / m.variance);
-  for (int i = 0; i < kNumAlternations; ++i) {
+  for (int i = 0; i < 10; ++i) {
     const Eigen::JacobiSVD<Matrix3d> svd(
         fit.scale * m.cross + problem.upright,
         Eigen::ComputeFullU | Eigen::ComputeFullV);
@@ -172,7 +159,9 @@ RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
   double least = std::numeric_limits<double>::infinity();
   Random random(random_seed);
   const auto size = static_cast<uint32_t>(problem.samples.size());
-  for (int trial = 0; trial < kNumTrials; ++trial) {
+  // With 50 % outliers (the breakdown point of LMedS), 62 of 500 samples of
+  // three are free of outliers on average; one of them has little noise.
+  for (int trial = 0; trial < 500; ++trial) {
     Mask is_used(problem.samples.size(), false);
     for (int k = 0; k < 3; ++k) is_used[random.Index(size)] = true;
     const Sim3 fit = FitSimilarity(problem, is_used);
@@ -182,7 +171,8 @@ RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
     best = fit;
   }
   RobustFit result{best, InliersOf(problem, best)};
-  for (int i = 0; i < kNumRefits; ++i) {
+  // Usually, the loop ends when the images that agree do not change.
+  for (int i = 0; i < 10; ++i) {
     if (result.is_inlier.Count() < 3) break;
     result.world_from_model = FitSimilarity(problem, result.is_inlier);
     Mask inliers = InliersOf(problem, result.world_from_model);
@@ -275,7 +265,8 @@ const char* DescribeRotation(bool is_on_earth, bool has_gravity) {
 }  // namespace
 
 double OutlierBound(double median_distance) {
-  return std::max(kOutlierInSigmas, kOutlierInMedians * median_distance);
+  // Normal noise has a median distance of 1.54 standard deviations.
+  return std::max(kOutlierInSigmas, 3.0 * median_distance);
 }
 
 PositionRegistration RegisterToPriors(const Scene& scene,
@@ -292,7 +283,9 @@ PositionRegistration RegisterToPriors(const Scene& scene,
         "registered to them.";
     return result;
   }
-  if (RelativeExtent(samples) < kMinExtent) {
+  // Twice the median distance of 1.54 standard deviations that normal noise in
+  // three dimensions has.
+  if (RelativeExtent(samples) < 3.0) {
     summary.message =
         "The extent of the positions is within their errors; the model is not "
         "registered to them.";
@@ -305,7 +298,8 @@ PositionRegistration RegisterToPriors(const Scene& scene,
   const RobustFit fit = FitRobustly(problem, options.random_seed);
   TransformWorld(fit.world_from_model, reconstruction);
   summary.is_registered = true;
-  if (RotationSigma(problem.samples, fit) > kMaxRotationSigmaRad) {
+  // A rotation about the path with a larger standard deviation is reported.
+  if (RotationSigma(problem.samples, fit) > DegToRad(5.0)) {
     summary.message = DescribeRotation(is_on_earth, options.up.has_value());
   }
   result.used.images.resize(scene.images.size());

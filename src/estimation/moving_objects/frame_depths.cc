@@ -26,16 +26,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-// More matches of two sensors are thinned out evenly: a pose from this many has
-// an error far below that of a single depth.
-constexpr size_t kMaxNumPooled = 20000;
-// If half of the matches are right, so are a quarter of the two-match samples.
-// The best of these 25 is close to the optimum.
-constexpr int kNumSamples = 100;
-// The loss adapts to the noise that the last round has left. The pose moves
-// little after the second.
-constexpr int kNumRounds = 3;
-
 // Two sensors with pairs of images within frames.
 struct SensorPair {
   int sensor_idx1 = 0;  // < sensor_idx2
@@ -90,7 +80,9 @@ double RayNoiseRad(const Scene& scene, const ImagePair& pair, double noise_px) {
 // The matches of all frames, as if one pair of images had them.
 RayMatches PoolMatches(const Scene& scene, const Bearings& bearings,
                        const SensorPair& sensor_pair) {
-  const size_t stride = 1 + sensor_pair.num_matches / kMaxNumPooled;
+  // More matches of two sensors are thinned out evenly: a pose from this many
+  // has an error far below that of a single depth.
+  const size_t stride = 1 + sensor_pair.num_matches / 20000;
   RayMatches pooled;
   size_t num_seen = 0;
   for (const ImagePair* pair : sensor_pair.pairs) {
@@ -127,7 +119,9 @@ Rigid3 SamplePose(const RayMatches& matches, const Eigen::Quaterniond& rotation,
   };
   Rigid3 best{rotation, Vector3d::UnitX()};
   double best_sigma = std::numeric_limits<double>::infinity();
-  for (int sample = 0; sample < kNumSamples; ++sample) {
+  // If half of the matches are right, so are a quarter of the two-match
+  // samples. The best of these 25 is close to the optimum.
+  for (int sample = 0; sample < 100; ++sample) {
     const Vector3d normal1 = normal(random->Index(num_matches));
     const Vector3d direction =
         normal1.cross(normal(random->Index(num_matches)));
@@ -174,7 +168,9 @@ std::optional<SensorPose> EstimateSensorPose(const Scene& scene,
   Rigid3 pose = SamplePose(pooled, rotation, random);
   PoseRefinementOptions options;
   options.is_rotation_fixed = true;
-  for (int round = 0; round < kNumRounds; ++round) {
+  // The loss adapts to the noise that the last round has left. The pose moves
+  // little after the second.
+  for (int round = 0; round < 3; ++round) {
     options.loss_scale_rad = ResidualSigma(pooled, pose);
     if (!RefineRelativePose(pooled, options, &pose).IsUsable()) {
       return std::nullopt;

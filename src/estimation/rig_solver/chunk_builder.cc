@@ -13,17 +13,11 @@
 namespace mgsfm {
 namespace {
 
-// Chunks are large enough that adding them to the common system is cheap, and
-// small enough that their local systems fit the caches.
-constexpr size_t kObservationsPerChunk = 4096;
-constexpr size_t kTermsPerChunk = 1024;
-constexpr size_t kBlocksPerChunk = 256;
-// Points that are observed over more frames close a loop. Only the order of
-// points depends on it.
-constexpr uint32_t kMaxSpanOfLocalPoint = 40;
-
-// Appends chunks to a structure. Remembers for each image and block the chunk
-// that it was last added to, and its position there.
+// Appends chunks to a structure. Chunks of up to 4096 observations, 1024 terms
+// and 256 blocks are large enough that adding them to the common system is
+// cheap, and small enough that their local systems fit the caches. Remembers
+// for each image and block the chunk that it was last added to, and its
+// position there.
 class ChunkBuilder {
  public:
   ChunkBuilder(const RigProblemBase& problem, RigStructure* structure)
@@ -39,7 +33,7 @@ class ChunkBuilder {
 
   const ChunkRanges& chunk() const { return s_.chunks.back(); }
   bool HasManyBlocks() const {
-    return s_.chunk_blocks.size() - chunk().blocks.begin >= kBlocksPerChunk;
+    return s_.chunk_blocks.size() - chunk().blocks.begin >= 256;
   }
 
  private:
@@ -128,7 +122,9 @@ std::vector<int> SortPoints(const RigProblemBase& problem,
           first = std::min(first, frame);
           last = std::max(last, frame);
         }
-        const bool closes_loop = last > first + kMaxSpanOfLocalPoint;
+        // Points that are observed over more frames close a loop. Only the
+        // order of points depends on it.
+        const bool closes_loop = last > first + 40;
         keys[p] = {static_cast<uint64_t>(closes_loop) << 63 |
                        static_cast<uint64_t>(first) << 32 | last,
                    static_cast<int>(p)};
@@ -187,7 +183,7 @@ void AddPointChunks(const RigProblemBase& problem,
     is_open =
         !builder->HasManyBlocks() &&
         s->observation_image.size() - builder->chunk().observations.begin <
-            kObservationsPerChunk;
+            4096;
     if (!is_open) builder->FinishChunk();
   }
   if (is_open) builder->FinishChunk();
@@ -201,9 +197,8 @@ void AddTermChunks(const RigProblemBase& problem, ChunkBuilder* builder,
     const int image1 = builder->AddImage(problem.baselines[t].image1);
     const int image2 = builder->AddImage(problem.baselines[t].image2);
     s->term_images.push_back({image1, image2});
-    is_open =
-        !builder->HasManyBlocks() &&
-        s->term_images.size() - builder->chunk().terms.begin < kTermsPerChunk;
+    is_open = !builder->HasManyBlocks() &&
+              s->term_images.size() - builder->chunk().terms.begin < 1024;
     if (!is_open) builder->FinishChunk();
   }
   if (is_open) builder->FinishChunk();

@@ -197,8 +197,6 @@ MGSFM_ALWAYS_INLINE PointStep StepOfPoint(const PassInput<R>& in,
 // its distance. Reprojections are inversely proportional to depth, so for
 // shorter steps the model misses at most a tenth of their change.
 constexpr double kLongStep = 0.1;
-// A point whose step still fails at 1/64 stays for this iteration.
-constexpr int kMaxNumPointHalvings = 6;
 
 // Moves a point to old_point + fraction * d with the first fraction of 1, 1/2,
 // ..., 1/64 whose cost is finite and at most `bound`, otherwise 0. Returns the
@@ -208,7 +206,8 @@ MGSFM_ALWAYS_INLINE double MovePoint(const double* old_point, const double* d,
                                      double bound, const Cost& cost_at,
                                      double* point) {
   double fraction = 1.0;
-  for (int i = 0; i <= kMaxNumPointHalvings; ++i, fraction *= 0.5) {
+  // A point whose step still fails at 1/64 stays for this iteration.
+  for (int i = 0; i <= 6; ++i, fraction *= 0.5) {
     for (int k = 0; k < 3; ++k) point[k] = old_point[k] + fraction * d[k];
     const double cost = cost_at(point);
     if (std::isfinite(cost) && cost <= bound) return cost;

@@ -7,17 +7,6 @@
 namespace mgsfm {
 namespace {
 
-// Smallest ratio of actual to predicted decrease of an accepted step; as in
-// Ceres.
-constexpr double kMinRatio = 1e-3;
-// Relative rounding error of a cost, some tens of machine precisions.
-constexpr double kRoundOff = 1e-14;
-// The initial value of Ceres.
-constexpr double kInitialLambda = 1e-4;
-// Below the first bound, damping vanishes in the rounding of the diagonal;
-// above the second, a step vanishes in the rounding of the state.
-constexpr double kMinLambda = 1e-16;
-constexpr double kMaxLambda = 1e16;
 // Factor of lambda after a step as good as predicted (Nielsen), and of this
 // factor from one such step to the next.
 constexpr double kShrinkage = 1.0 / 3.0;
@@ -77,12 +66,14 @@ class LevenbergMarquardt {
   void AcceptOrReject(const TrialStep& step) {
     const double decrease = cost_ - step.new_cost;
     const double tolerance = options_.parameter_tolerance;
+    // Like Ceres, accepts a step if the cost decreases by at least a thousandth
+    // of what the model predicts. The relative rounding error of a cost is some
+    // tens of machine precisions.
     if (step.step_norm <= tolerance * (step.state_norm + tolerance)) {
       Finish(Termination::kConverged, "The step is small.");
-    } else if (decrease > kMinRatio * step.predicted_decrease &&
-               decrease > 0.0) {
+    } else if (decrease > 1e-3 * step.predicted_decrease && decrease > 0.0) {
       Accept(step.new_cost, decrease / step.predicted_decrease);
-    } else if (step.predicted_decrease <= kRoundOff * cost_) {
+    } else if (step.predicted_decrease <= 1e-14 * cost_) {
       Finish(Termination::kConverged, "No step decreases the cost.");
     } else {
       Reject();
@@ -115,7 +106,8 @@ class LevenbergMarquardt {
       lambda_ *= factor;
       lambda_shrinkage_ = kShrinkage;
     }
-    lambda_ = std::max(kMinLambda, lambda_);
+    // Below it, damping vanishes in the rounding of the diagonal.
+    lambda_ = std::max(1e-16, lambda_);
     lambda_growth_ = 2.0;
   }
 
@@ -123,7 +115,8 @@ class LevenbergMarquardt {
     lambda_ *= lambda_growth_;
     lambda_growth_ *= 2.0;
     lambda_shrinkage_ = kShrinkage;
-    if (lambda_ > kMaxLambda) {
+    // Above it, a step vanishes in the rounding of the state.
+    if (lambda_ > 1e16) {
       Finish(Termination::kFailure, "The damping exceeds its maximum.");
     }
   }
@@ -139,8 +132,8 @@ class LevenbergMarquardt {
   const Context& context_;
   DampedProblem& problem_;
   double cost_ = 0.0;
-  double share_ = 0.0;  // of the iterations that are done, estimated
-  double lambda_ = kInitialLambda;
+  double share_ = 0.0;    // of the iterations that are done, estimated
+  double lambda_ = 1e-4;  // as in Ceres
   double lambda_growth_ = 2.0;
   double lambda_shrinkage_ = kShrinkage;
   bool is_done_ = false;

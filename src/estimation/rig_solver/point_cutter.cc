@@ -15,9 +15,6 @@ namespace {
 // Chunks repeat each other's pairs. Adding up those of some chunks at a time
 // needs far less memory than those of all.
 constexpr size_t kNumChunksAtATime = 8;
-// A merge takes as long as there are sums. It waits for this share of new ones,
-// which need memory meanwhile.
-constexpr size_t kNumSumsPerAdded = 4;
 
 bool IsBefore(const WeightedPair& a, const WeightedPair& b) {
   return a.Key() < b.Key();
@@ -103,7 +100,9 @@ void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
     for (const std::vector<WeightedPair>& weights : of_chunks) {
       added.insert(added.end(), weights.begin(), weights.end());
     }
-    if (kNumSumsPerAdded * added.size() > weights_.size()) {
+    // A merge takes as long as there are sums. It waits for this share of new
+    // ones, which need memory meanwhile.
+    if (4 * added.size() > weights_.size()) {
       AddWeights(&added, &weights_);
     }
   }

@@ -19,7 +19,6 @@ namespace {
 // Inexact steps converge almost as fast as exact ones. A step takes 17 products
 // on average (docs/results/constants.md).
 constexpr double kConjugateGradientTolerance = 1e-2;
-constexpr int kMaxNumConjugateGradients = 500;  // as in Ceres
 // Sections of the values of the reduced matrix; chunks are merged into several
 // at a time. Enough for some tens of threads.
 constexpr size_t kNumSections = 32;
@@ -202,7 +201,7 @@ bool RigEquationsBase::Solve() {
 
 bool RigEquationsBase::SolveByConjugateGradients() {
   return SolveByConjugateGradient(
-      rhs_, kConjugateGradientTolerance, kMaxNumConjugateGradients,
+      rhs_, kConjugateGradientTolerance, /*max_num_iterations=*/500,
       [this](const Eigen::VectorXd& x, Eigen::VectorXd* y) {
         context_.CheckInterrupted();
         Multiply(x, y);

@@ -17,19 +17,6 @@
 namespace mgsfm {
 namespace {
 
-// Extrinsics and intrinsics are eliminated last if all of them together are
-// small, or each of them meets many frames. Only the fill depends on it.
-constexpr int kMaxSizeOfBorder = 200;
-constexpr int kImagesOfBorderBlock = 64;
-// The largest factor of the direct solver: 1.6 GB, and about the operations of
-// the 17 products per step that docs/results/constants.md counts.
-constexpr double kMaxFactorEntries = 2e8;
-constexpr double kMinAffordableFlops = 4e9;  // some 0.1 s of one core
-constexpr double kAffordableFlopsPerObservation = 2e4;
-// Each block has so many in the first preconditioner that is tried, and half as
-// many each time its factor is too large.
-constexpr int kMaxNumNeighbors = 64;
-
 using Pairs = std::vector<BlockPairKey>;
 
 int NumBlocks(const RigStructure& s) {
@@ -150,8 +137,9 @@ Mask ChooseBorder(const RigProblemBase& problem, const RigStructure& s) {
   }
   Mask is_border(NumBlocks(s), false);
   for (const int block : candidates) {
-    is_border[block] =
-        size <= kMaxSizeOfBorder || num_images[block] >= kImagesOfBorderBlock;
+    // Extrinsics and intrinsics are eliminated last if all of them together are
+    // small, or each of them meets many frames. Only the fill depends on it.
+    is_border[block] = size <= 200 || num_images[block] >= 64;
   }
   return is_border;
 }
@@ -274,10 +262,12 @@ EliminationOrder OrderGraph(const RigStructure& s, const Mask& is_border,
 bool IsAffordable(const EliminationOrder& order, int pose_size,
                   size_t num_observations) {
   const double size = pose_size;
+  // The largest factor of the direct solver: 1.6 GB, and the operations of 0.1
+  // s of one core or about those of the 17 products per step that
+  // docs/results/constants.md counts.
   const double affordable =
-      std::max(kMinAffordableFlops, kAffordableFlopsPerObservation *
-                                        static_cast<double>(num_observations));
-  return order.num_factor_entries * size * size <= kMaxFactorEntries &&
+      std::max(4e9, 2e4 * static_cast<double>(num_observations));
+  return order.num_factor_entries * size * size <= 2e8 &&
          order.num_flops * size * size * size <= affordable;
 }
 
@@ -327,7 +317,9 @@ ReducedGraph MakePreconditionerGraph(const RigProblemBase& problem,
                                      RigStructure* s) {
   PointCutter cutter(problem.points_are_free, is_border,
                      InseparablePairs(problem, *s, is_border), num_threads, s);
-  for (int num_kept = kMaxNumNeighbors;; num_kept /= 2) {
+  // Each block has so many in the first preconditioner that is tried, and half
+  // as many each time its factor is too large.
+  for (int num_kept = 64;; num_kept /= 2) {
     cutter.Cut(num_kept);
     ReducedGraph graph = MakeGraph(problem, *s, is_border, num_threads);
     if (num_kept == 0 ||

@@ -15,16 +15,6 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// Bound the quadratic cost of the medoid that starts the iteration: 2e5 angles.
-constexpr size_t kMaxNumCandidates = 100;
-constexpr size_t kMaxNumVoters = 2000;
-// Weiszfeld's algorithm converges linearly, slowly near a sample.
-constexpr int kMaxNumIterations = 500;
-constexpr double kStepTolerance = 1e-10;
-// Samples closer to the estimate coincide with it. Below the step tolerance,
-// and above the rounding errors of a logarithm.
-constexpr double kCoincidence = 1e-11;
-
 size_t Stride(size_t size, size_t max_size) {
   return (size + max_size - 1) / max_size;
 }
@@ -38,10 +28,12 @@ size_t FindTruncatedMedoid(const std::vector<Quaterniond>& samples,
                            const std::vector<double>& weights,
                            double truncation_rad) {
   const size_t size = samples.size();
-  const size_t voter_stride = Stride(size, kMaxNumVoters);
+  // Bound the quadratic cost of the medoid that starts the iteration: 2e5
+  // angles.
+  const size_t voter_stride = Stride(size, 2000);
   size_t best = 0;
   double best_cost = std::numeric_limits<double>::infinity();
-  for (size_t i = 0; i < size; i += Stride(size, kMaxNumCandidates)) {
+  for (size_t i = 0; i < size; i += Stride(size, 100)) {
     double cost = 0.0;
     for (size_t j = 0; j < size; j += voter_stride) {
       cost += weights[j] *
@@ -75,7 +67,9 @@ Vector3d WeiszfeldStep(const Quaterniond& rotation,
   for (size_t i = 0; i < samples.size(); ++i) {
     const Vector3d v = LogSO3(inverse * samples[i]);
     const double distance = v.norm();
-    if (distance <= kCoincidence) {
+    // Samples closer to the estimate coincide with it. Below the step
+    // tolerance, and above the rounding errors of a logarithm.
+    if (distance <= 1e-11) {
       weight_here += weights[i];
       continue;
     }
@@ -110,11 +104,12 @@ GeodesicMedian FindGeodesicMedian(const std::vector<Quaterniond>& samples,
       samples[FindTruncatedMedoid(samples, weights, truncation_rad)];
   summary.initial_cost = SumOfDistances(median.rotation, samples, weights);
   summary.termination = Termination::kMaxIterations;
-  while (summary.num_iterations < kMaxNumIterations) {
+  // Weiszfeld's algorithm converges linearly, slowly near a sample.
+  while (summary.num_iterations < 500) {
     ++summary.num_iterations;
     const Vector3d step = WeiszfeldStep(median.rotation, samples, weights);
     median.rotation = (median.rotation * ExpSO3(step)).normalized();
-    if (step.norm() <= kStepTolerance) {
+    if (step.norm() <= 1e-10) {
       summary.termination = Termination::kConverged;
       break;
     }

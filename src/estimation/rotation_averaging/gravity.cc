@@ -17,15 +17,6 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// The last scale of the loss keeps 99 % of the normal gravity priors:
-// exp(-3^2 / 2) = 1.1 % of 2-vectors are longer.
-constexpr double kScaleInSigmas = 3.0;
-// The residuals of a chain are zero, whatever the errors of its edges. The
-// lower limit lets gravity act on a chain all the same.
-constexpr double kMinSigmaRatio = 0.1;
-// Keeps outliers from making the equations singular; too small to matter.
-constexpr double kMinWeight = 1e-6;
-
 // Angles to a direction are norms of vectors with two coordinates.
 double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
   return std::max(prior_sigma, RobustSigma<2>(std::move(angles)));
@@ -43,9 +34,13 @@ void GravityWeighting::AdjustScale(const std::vector<double>& angles,
   }
   const double edge_sigma =
       unit_norms.empty() ? 0.0 : RobustSigma<3>(std::move(unit_norms));
-  const double ratio = std::max(kMinSigmaRatio, edge_sigma / sigma);
+  // The residuals of a chain are zero, whatever the errors of its edges. The
+  // lower limit lets gravity act on a chain all the same.
+  const double ratio = std::max(0.1, edge_sigma / sigma);
   variance_ratio_ = ratio * ratio;
-  const double target = kScaleInSigmas * sigma;
+  // The last scale of the loss keeps 99 % of the normal gravity priors:
+  // exp(-3^2 / 2) = 1.1 % of 2-vectors are longer.
+  const double target = 3.0 * sigma;
   scale_rad_ = scale_.Next(target);
   is_final_ = edges_are_final && scale_.IsAtTarget();
 }
@@ -63,9 +58,9 @@ const GravityValues& GravityWeighting::Next(
   const RobustLoss loss = {RobustLossType::kGemanMcClure, scale_rad_};
   values_.weights.clear();
   for (const Vector3d& residual : values_.residuals) {
+    // Keeps outliers from making the equations singular; too small to matter.
     values_.weights.push_back(
-        variance_ratio_ *
-        std::max(kMinWeight, loss.Weight(residual.squaredNorm())));
+        variance_ratio_ * std::max(1e-6, loss.Weight(residual.squaredNorm())));
   }
   return values_;
 }

@@ -20,10 +20,6 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// Annealing takes at most 14: log(5 deg / 0.05 deg) / log(1 / 0.7), rounded up.
-constexpr int kMaxNumIterations = 100;
-constexpr double kStepTolerance = 1e-9;
-
 // argmin_X sum w |alpha - X beta|^2.
 Quaterniond SolveWahba(const std::vector<MotionPair>& motions,
                        const std::vector<double>& weights) {
@@ -74,7 +70,9 @@ HandEyeResult CalibrateHandEye(const std::vector<MotionPair>& motions,
   result.a_from_b = SolveWahba(motions, weights);
   std::vector<double> norms = ErrorNorms(motions, result.a_from_b);
   RobustScaleSchedule schedule;
-  while (summary.num_iterations < kMaxNumIterations) {
+  // Annealing takes at most 14 iterations: log(5 deg / 0.05 deg) / log(1 /
+  // 0.7).
+  while (summary.num_iterations < 100) {
     ++summary.num_iterations;
     const RobustLoss loss = schedule.Next(norms);
     for (size_t i = 0; i < motions.size(); ++i) {
@@ -83,8 +81,7 @@ HandEyeResult CalibrateHandEye(const std::vector<MotionPair>& motions,
     const Quaterniond last = result.a_from_b;
     result.a_from_b = SolveWahba(motions, weights);
     norms = ErrorNorms(motions, result.a_from_b);
-    if (schedule.IsFinal() &&
-        AngleBetween(last, result.a_from_b) <= kStepTolerance) {
+    if (schedule.IsFinal() && AngleBetween(last, result.a_from_b) <= 1e-9) {
       summary.termination = Termination::kConverged;
       break;
     }

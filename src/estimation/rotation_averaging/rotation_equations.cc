@@ -244,13 +244,11 @@ void RotationEquations::AddGravityOfSensor(const GravityTerm& term,
 // Eliminates the nodes; step->nodes must be L^-1 times their gradient.
 bool RotationEquations::SolveSensors(RotationStep* step) const {
   if (sensor_gradient_.size() == 0) return true;
-  // A sensor without edges, or an axis that no edge constrains, keeps its
-  // rotation. The ridge is negligible next to the noise of any real data.
-  constexpr double kRelativeRidge = 1e-10;
   const double mean_diagonal = sensor_block_.diagonal().mean();
   MatrixXd schur = sensor_block_;
-  schur.diagonal().array() +=
-      mean_diagonal > 0.0 ? kRelativeRidge * mean_diagonal : 1.0;
+  // A sensor without edges, or an axis that no edge constrains, keeps its
+  // rotation. The ridge is negligible next to the noise of any real data.
+  schur.diagonal().array() += mean_diagonal > 0.0 ? 1e-10 * mean_diagonal : 1.0;
   VectorXd gradient = sensor_gradient_;
   if (border_.rows() > 0) {
     schur -= Stacked(border_).transpose() * Stacked(solved_border_);

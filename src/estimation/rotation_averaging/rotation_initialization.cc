@@ -88,15 +88,14 @@ std::vector<NodeRotation> MergeParallel(
 
 void InitializeNodes(const RotationProblem& problem, double max_error_rad,
                      const NodeStart& start, RotationState* state) {
-  // Exceeds any number of matches.
-  constexpr double kSupportOfStart = 1e12;
   std::vector<NodeRotation> merged =
       MergeParallel(CollectNodeRotations(problem, *state), max_error_rad);
   for (NodeRotation& r : merged) {
     if (!start.Knows(r.low, r.high)) continue;
     r.high_from_low =
         *start.rotations[r.high] * start.rotations[r.low]->conjugate();
-    r.support += kSupportOfStart;
+    // Exceeds any number of matches.
+    r.support += 1e12;
   }
   std::vector<GraphEdge> edges;
   edges.reserve(merged.size());

@@ -31,15 +31,13 @@ Vector3d GravityResidual(const GravityTerm& term, const RotationState& state) {
 void ComputeResiduals(const RotationProblem& problem,
                       const RotationState& state, int num_threads,
                       std::vector<Vector3d>* residuals) {
-  // Less work than this does not justify a thread.
-  constexpr size_t kBlockSize = 4096;
   residuals->resize(problem.edges.size());
   ParallelFor(
       problem.edges.size(), num_threads,
       [&](size_t e) {
         (*residuals)[e] = RotationResidual(problem.edges[e], state);
       },
-      kBlockSize);
+      /*block_size=*/4096);  // less work does not justify a thread
 }
 
 std::vector<double> Norms(const std::vector<Vector3d>& residuals) {

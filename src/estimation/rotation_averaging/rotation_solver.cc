@@ -22,19 +22,6 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
-// At the last scale of the loss, six sigmas, an error of one sigma keeps 95 %
-// of its weight: 1 / (1 + 1 / 36)^2. The lower limit keeps the scale of exact
-// data away from zero.
-constexpr double kMinScaleRad = DegToRad(0.05);
-constexpr double kScaleInSigmas = 6.0;
-// L1 averaging is only a start: it may stop far above step_tolerance_deg.
-constexpr double kL1StepToleranceRad = DegToRad(0.05);
-// Each of its steps is solved only roughly, for the same reason.
-constexpr int kMaxNumAdmmIterations = 300;
-constexpr double kAdmmTolerance = 1e-3;
-// Keeps the equations regular if all edges of a node are outliers.
-constexpr double kMinWeight = 1e-10;
-
 // The matrix of d_2 - d_1 for the edges between different nodes.
 struct Differences {
   Eigen::SparseMatrix<double> matrix;
@@ -92,8 +79,9 @@ class L1Steps {
                     const Context& context, RotationStep* step) {
     AdmmOptions options;
     options.context = context;
-    options.max_num_iterations = kMaxNumAdmmIterations;
-    options.relative_tolerance = kAdmmTolerance;
+    // L1 averaging is only a start, so its steps are solved roughly.
+    options.max_num_iterations = 300;
+    options.relative_tolerance = 1e-3;
     for (size_t row = 0; row < edges_.size(); ++row) {
       b_.row(static_cast<Eigen::Index>(row)) = residuals[edges_[row]];
     }
@@ -135,7 +123,10 @@ double RootMeanSquare(const MatrixXd& step) {
 RobustLoss RobustScaleSchedule::Next(const std::vector<double>& norms) {
   if (!is_final_) {
     const double sigma = norms.empty() ? 0.0 : RobustSigma<3>(norms);
-    const double target = std::max(kMinScaleRad, kScaleInSigmas * sigma);
+    // At the last scale of the loss, six sigmas, an error of one sigma keeps 95
+    // % of its weight: 1 / (1 + 1 / 36)^2. The lower limit keeps the scale of
+    // exact data away from zero.
+    const double target = std::max(DegToRad(0.05), 6.0 * sigma);
     scale_rad_ = scale_.Next(target);
     is_final_ = scale_.IsAtTarget();
   }
@@ -171,7 +162,8 @@ SolveSummary AverageL1(const RotationProblem& problem,
     ApplyStep(unknowns, step, state);
     ComputeResiduals(problem, *state, context.num_threads, &residuals);
     summary.final_cost = SumOfNorms(problem, residuals);
-    if (RootMeanSquare(step.nodes) <= kL1StepToleranceRad) {
+    // As a start, it may stop far above step_tolerance_deg.
+    if (RootMeanSquare(step.nodes) <= DegToRad(0.05)) {
       summary.termination = Termination::kConverged;
       break;
     }
@@ -201,8 +193,9 @@ SolveSummary AverageRobust(const RotationProblem& problem,
         gravity.Next(*state, norms, schedule.IsFinal());
     for (size_t e = 0; e < norms.size(); ++e) {
       const RotationEdge& edge = problem.edges[e];
+      // Keeps the equations regular if all edges of a node are outliers.
       weights[e] = (schedule.IsFinal() ? edge.final_weight : edge.weight) *
-                   std::max(kMinWeight, loss.Weight(norms[e] * norms[e]));
+                   std::max(1e-10, loss.Weight(norms[e] * norms[e]));
     }
     if (!equations.Solve(weights, residuals, *state, &step, level)) {
       summary.termination = Termination::kFailure;

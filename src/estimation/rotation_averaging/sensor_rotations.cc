@@ -24,9 +24,6 @@ constexpr double kMaxMotionRad = DegToRad(150.0);
 // Evenly spaced frames are taken from longer sequences. Bounds the quadratic
 // number of motions: 64 frames have 2016.
 constexpr size_t kMaxNumHandEyeFrames = 64;
-// Largest standard deviation of a hand-eye calibration, as a share of
-// max_error_deg: pairs of the sensor then stay well within max_error_deg.
-constexpr double kMaxUncertaintyShare = 0.2;
 
 // Rotations of a sensor and of its rig in one frame, each in the world of its
 // component.
@@ -243,10 +240,11 @@ bool AcceptHandEye(int sensor_idx, const Motions& motions,
       CalibrateHandEye(motions.pairs, motions.num_frames);
   const double second_axis_deg = RadToDeg(hand_eye.second_axis_rms_rad);
   const double error_deg = RadToDeg(hand_eye.median_error_rad);
+  // With a standard deviation of at most a fifth of max_error_deg, pairs of the
+  // sensor stay well within max_error_deg.
   if (second_axis_deg < options.min_hand_eye_rotation_deg ||
       error_deg > options.max_error_deg ||
-      RadToDeg(hand_eye.uncertainty_rad) >
-          kMaxUncertaintyShare * options.max_error_deg) {
+      RadToDeg(hand_eye.uncertainty_rad) > 0.2 * options.max_error_deg) {
     summary.message =
         prefix +
         Formatted(

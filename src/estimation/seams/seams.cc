@@ -16,13 +16,6 @@ namespace {
 
 using FramePair = FramePairIndex::FramePair;
 
-// n0 of the confidence: pairs of images with fewer inliers are not accepted.
-constexpr double kFewTracks = 15.0;
-// The quantile of the lengths of steps that counts as a fast one. Loops between
-// places that look alike are wrong by 15 to 50 times the error that it allows
-// (docs/maths/seams.md).
-constexpr double kFastSteps = 0.9;
-
 // The point that observes each keypoint.
 class PointOfKeypoint {
  public:
@@ -105,8 +98,10 @@ struct CutEvidence {
   }
   double ConfidenceOf(size_t cut_idx) const {
     if (is_jump[cut_idx]) return 0.0;
+    // n0 of the confidence: pairs of images with fewer inliers are not
+    // accepted.
     return (1.0 - ShareAgainst(cut_idx)) * num_tracks[cut_idx] /
-           (num_tracks[cut_idx] + kFewTracks);
+           (num_tracks[cut_idx] + 15.0);
   }
 };
 
@@ -238,7 +233,10 @@ std::vector<double> ErrorsHiddenByCuts(const ConfidenceInput& input,
   std::vector<double> hidden(cuts.cuts().size(),
                              std::numeric_limits<double>::infinity());
   if (lengths.empty()) return hidden;
-  const double fast_step = Quantile(std::move(lengths), kFastSteps);
+  // The quantile of the lengths of steps that counts as a fast one. Loops
+  // between places that look alike are wrong by 15 to 50 times the error that
+  // it allows (docs/maths/seams.md).
+  const double fast_step = Quantile(std::move(lengths), 0.9);
   for (size_t k = 0; k < hidden.size(); ++k) {
     const auto& [below, above] = cuts.cuts()[k];
     const FramePair* frames = input.index.Find(below, above);

@@ -8,13 +8,8 @@
 namespace mgsfm {
 namespace {
 
-// The relative standard error of a sigma from 3n samples is 1 / sqrt(6n): 13 %
-// for 10 images.
-constexpr int kMinNumImages = 10;
 // Per step: a factor of 5 in sigma, which keeps the quadratic model valid.
 constexpr double kMaxVarianceFactor = 25.0;
-// Relative; regularizes coordinates that no measurement determines.
-constexpr double kDampingOfMasked = 1e-9;
 
 // Sums over the images of a sensor or rig, for rotations or positions.
 struct SigmaSums {
@@ -84,7 +79,9 @@ std::vector<DeviationSigma> UpdateSigmas(
   std::vector<DeviationSigma> updated;
   fractions->clear();
   for (size_t s = 0; s < sigmas.size(); ++s) {
-    const SensorSums& sums = of_sensor[s].rotation.num_images >= kMinNumImages
+    // The relative standard error of a sigma from 3n samples is 1 / sqrt(6n):
+    // 13 % for 10 images.
+    const SensorSums& sums = of_sensor[s].rotation.num_images >= 10
                                  ? of_sensor[s]
                                  : of_rig[rig_of_sensor[s]];
     updated.push_back({sums.rotation.UpdatedSigma(sigmas[s].rotation_rad),
@@ -140,7 +137,8 @@ void CalibrationEquations::AddPrior(int slot, const PoseVector& change,
 Eigen::MatrixXd CalibrationEquations::Masked(
     const Eigen::VectorXd& mask) const {
   Eigen::MatrixXd masked = mask.asDiagonal() * matrix_ * mask.asDiagonal();
-  masked.diagonal() *= 1.0 + kDampingOfMasked;
+  // Relative; regularizes coordinates that no measurement determines.
+  masked.diagonal() *= 1.0 + 1e-9;
   for (Eigen::Index i = 0; i < mask.size(); ++i) {
     if (!(masked(i, i) > 0.0)) masked(i, i) = 1.0;
   }

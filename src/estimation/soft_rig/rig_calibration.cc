@@ -10,12 +10,6 @@
 namespace mgsfm {
 namespace {
 
-// Step of central differences, in frame intervals: small against the interval
-// over which velocity changes, large against rounding errors.
-constexpr double kDerivativeStep = 1e-3;
-// Largest change of a time offset in one step, in frame intervals: half an
-// interval stays within the neighboring segment of the trajectory.
-constexpr double kMaxStep = 0.5;
 // Spurious information on the offset of one image from noise of the velocity,
 // in 1 / interval^2. The velocity between two frames that are as noisy as the
 // image has variance 2 sigma^2 / interval^2 in each of six coordinates.
@@ -71,7 +65,9 @@ SensorJacobian RigCalibration::Jacobian(int image_idx,
   if (!use_times_) return jacobian;
   const double interval_s = motions_.IntervalAt(image_idx, offset_s);
   if (!std::isfinite(interval_s)) return jacobian;
-  const double h = kDerivativeStep * interval_s;
+  // Step of central differences, in frame intervals: small against the interval
+  // over which velocity changes, large against rounding errors.
+  const double h = 1e-3 * interval_s;
   jacobian.col(6) =
       DeviationOf(ExpectedPose(image_idx, sensor_from_rig, offset_s + h),
                   ExpectedPose(image_idx, sensor_from_rig, offset_s - h)) /
@@ -211,7 +207,9 @@ double RigCalibration::ApplyStep(int rig_idx, const Eigen::VectorXd& step,
     pose->translation += step.segment<3>(first + 3);
     if (!use_times_) continue;
     double& offset_s = offsets_[sensor_idx].value_s;
-    const double max_step_s = kMaxStep * motions_.MedianInterval(rig_idx);
+    // Largest change of a time offset in one step, in frame intervals: half an
+    // interval stays within the neighboring segment of the trajectory.
+    const double max_step_s = 0.5 * motions_.MedianInterval(rig_idx);
     const double before_s = offset_s;
     offset_s =
         mask[first + 6] == 0.0

@@ -23,15 +23,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int kSensorColumns = RigScores::kNumColumns;
-// Blocks of frames: Student's t of nine degrees of freedom.
-constexpr size_t kNumBlocks = 10;
-// Independent normal residuals exceed this in 1 of 16,000 cameras.
-constexpr double kMinSigmas = 4.0;
-// Rounds with wide bounds on errors, each half as wide as the one before.
-constexpr int kNumWideRounds = 3;
-constexpr int kMaxNumRounds = 12;
-// A change that matters less than chance does.
-constexpr double kMaxStepInSigmas = 0.1;
 
 void SetMotions(const Scene& scene, const std::vector<double>& times,
                 DelayedRig* rig) {
@@ -56,8 +47,9 @@ void SetMotions(const Scene& scene, const std::vector<double>& times,
     const RigTrajectory trajectory(ordered, poses);
     for (size_t k = 0; k < frames.size(); ++k) {
       rig->motions[frames[k].second] = trajectory.VelocityAt(k);
+      // Ten blocks of frames: Student's t of nine degrees of freedom.
       rig->block_of_frame[frames[k].second] =
-          static_cast<int>(k * kNumBlocks / frames.size());
+          static_cast<int>(k * 10 / frames.size());
     }
   }
 }
@@ -123,7 +115,8 @@ bool MayBeDelayed(const RigScores& scores) {
   const MatrixXd covariance = CovarianceBy(scores.noise, scores);
   for (Eigen::Index k = kSensorColumns - 1; k < step.size();
        k += kSensorColumns) {
-    if (std::abs(step[k]) > kMinSigmas * std::sqrt(covariance(k, k))) {
+    // Independent normal residuals exceed this in 1 of 16,000 cameras.
+    if (std::abs(step[k]) > 4.0 * std::sqrt(covariance(k, k))) {
       return true;
     }
   }
@@ -162,7 +155,8 @@ bool HasConverged(const RigScores& scores) {
   const MatrixXd covariance = Jackknife(scores);
   for (Eigen::Index k = kSensorColumns - 1; k < step.size();
        k += kSensorColumns) {
-    if (std::abs(step[k]) > kMaxStepInSigmas * std::sqrt(covariance(k, k))) {
+    // Smaller changes matter less than chance does.
+    if (std::abs(step[k]) > 0.1 * std::sqrt(covariance(k, k))) {
       return false;
     }
   }
@@ -215,11 +209,13 @@ std::optional<RigDelays> EstimateRigDelays(
   bool has_converged = false;
   if (MayBeDelayed(*rigid)) {
     const CandidateSource source = candidates(separate);
-    for (int round = 1; round <= kMaxNumRounds && !has_converged; ++round) {
+    for (int round = 1; round <= 12 && !has_converged; ++round) {
       Step(*scores, NewtonStep(*scores), &rig);
       SetMotions(scene, measured.times.times, &rig);
       SetImagePoses(scene, &rig);
-      const int num_left = std::max(0, kNumWideRounds - round);
+      // The first rounds have wide bounds on errors, each half as wide as the
+      // bound before.
+      const int num_left = std::max(0, 3 - round);
       Triangulate(separate, source, options, num_left, context,
                   &rig.model.separate);
       scores = ComputeRigScores(scene, separate, rig, options, context);

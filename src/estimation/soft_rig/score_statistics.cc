@@ -6,13 +6,6 @@
 #include <utility>
 
 namespace mgsfm {
-namespace {
-
-// Relative to the diagonal of an information matrix.
-constexpr double kRelativeDamping = 1e-9;
-
-}  // namespace
-
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -21,7 +14,8 @@ MatrixXd InvertInformation(MatrixXd information) {
   VectorXd scale = M.diagonal();
   for (double& s : scale) s = s > 0.0 ? 1.0 / std::sqrt(s) : 1.0;
   M = (scale.asDiagonal() * M * scale.asDiagonal()).eval();
-  M.diagonal().array() += kRelativeDamping;
+  // Relative to the diagonal of an information matrix.
+  M.diagonal().array() += 1e-9;
   return scale.asDiagonal() *
          M.ldlt().solve(MatrixXd::Identity(M.rows(), M.cols())) *
          scale.asDiagonal();

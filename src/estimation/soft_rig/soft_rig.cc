@@ -20,10 +20,6 @@
 namespace mgsfm {
 namespace {
 
-// Frames per rig in the sums of soft_rig.h. The relative standard error of a
-// sigma from 200 frames is at most 1 / sqrt(6 * 200) = 2.9 %, below the default
-// sigma_tolerance.
-constexpr size_t kMaxNumSamples = 200;
 // Rounds that triangulate points again. By then the error bound of the points
 // has shrunk to that of the noise. Two rounds increase errors by up to 31 %,
 // ten change them by at most 2.4 % (docs/results/constants.md).
@@ -191,7 +187,10 @@ std::vector<std::vector<int>> SampleFrames(const Scene& scene,
   }
   std::vector<std::vector<int>> samples;
   for (const std::vector<std::vector<int>>& frames : frames_of_rig) {
-    const size_t count = std::min(frames.size(), kMaxNumSamples);
+    // Frames per rig in the sums of soft_rig.h. The relative standard error of
+    // a sigma from 200 frames is at most 1 / sqrt(6 * 200) = 2.9 %, below the
+    // default sigma_tolerance.
+    const size_t count = std::min(frames.size(), size_t{200});
     for (size_t k = 0; k < count; ++k) {
       samples.push_back(frames[k * frames.size() / count]);
     }

@@ -121,10 +121,8 @@ RigScores WithPriors(const KnownLengths& known, double factor) {
 // The factor of the variances of priors, at least 1, of maximum restricted
 // likelihood: the mean square of deviations is what their posterior implies.
 double VarianceOfPriors(const KnownLengths& known) {
-  constexpr int kMaxNumSteps = 50;
-  constexpr double kTolerance = 1e-3;
   double factor = 1.0;
-  for (int i = 0; i < kMaxNumSteps; ++i) {
+  for (int i = 0; i < 50; ++i) {
     const RigScores joint = WithPriors(known, factor);
     const VectorXd deviation = known.deviation + NewtonStep(joint);
     const VectorXd posterior =
@@ -138,7 +136,7 @@ double VarianceOfPriors(const KnownLengths& known) {
     const double next = std::max(1.0, squares / determined);
     const double change = std::abs(std::log(next / factor));
     factor = next;
-    if (change < kTolerance) break;
+    if (change < 1e-3) break;
   }
   return factor;
 }

@@ -16,7 +16,6 @@ using Coordinates = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
 // Units of parallel work; less does not justify a thread.
 constexpr Eigen::Index kRowsPerRange = 32768;
-constexpr int kEntriesPerRange = 1 << 17;
 
 // The sum of the products of a compressed row or column with x.
 template <class Matrix>
@@ -45,7 +44,7 @@ ArrowLeastSquares::ArrowLeastSquares(const SparseMatrix& A, int num_points,
   range_begin_.push_back(static_cast<int>(A_.cols()));
   for (int column = static_cast<int>(A_.cols()) - 1; column >= 0; --column) {
     num_entries += A_.outerIndexPtr()[column + 1] - A_.outerIndexPtr()[column];
-    if (num_entries < kEntriesPerRange && column > 0) continue;
+    if (num_entries < (1 << 17) && column > 0) continue;
     range_begin_.push_back(column);
     num_entries = 0;
   }

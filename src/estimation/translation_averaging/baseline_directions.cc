@@ -26,15 +26,9 @@ using Eigen::Vector3d;
 // Assumed error of the rotations. It displaces all rays of an image alike, so
 // more matches do not average it out.
 constexpr double kRotationSigma = DegToRad(0.05);
-// The same for directions of pairs without matches. Positions depend on the
-// ratio of both deviations only if both kinds of pairs are mixed.
-constexpr double kSigmaWithoutMatches = DegToRad(0.5);
 // A direction less certain than this is reported as unknown: beyond it, the
 // small-angle model of sigma_rad no longer holds.
 constexpr double kMaxDirectionSigma = DegToRad(15.0);
-// Lower bound of |b x g1|^2 + |b x g2|^2, i.e. rays within 0.4 degrees of the
-// epipoles of both cameras; keeps the residual finite there.
-constexpr double kMinSampson = 1e-4;
 // Four times the two degrees of freedom of a direction.
 constexpr int kMinNumParallax = 8;
 // 30 samples draw two inliers together with probability 1 - 1e-4 if 51 % of the
@@ -59,7 +53,9 @@ struct BaselineMatches {
   double SampsonNorm2(const Vector3d& b, size_t m) const {
     const double c1 = b.dot(rays1[m]);
     const double c2 = b.dot(rays2[m]);
-    return std::max(2.0 - c1 * c1 - c2 * c2, kMinSampson);
+    // Lower bound of |b x g1|^2 + |b x g2|^2, i.e. rays within 0.4 degrees of
+    // the epipoles of both cameras; keeps the residual finite there.
+    return std::max(2.0 - c1 * c1 - c2 * c2, 1e-4);
   }
   double SquaredResidual(const Vector3d& b, size_t m) const {
     const double e = b.dot(normals[m]);
@@ -210,19 +206,17 @@ struct RefinedDirection {
 
 RefinedDirection RefineDirection(const BaselineMatches& matches,
                                  const Vector3d& start) {
-  // The step, in radians, is far below the error of any direction.
-  constexpr int kMaxNumIterations = 20;
-  constexpr double kMinStep = 1e-6;
   RefinedDirection refined{start, {}};
   std::vector<double> scratch;
-  for (int i = 0; i < kMaxNumIterations; ++i) {
+  for (int i = 0; i < 20; ++i) {
     refined.noise = EstimateNoise(matches, refined.direction, &scratch);
     const auto next =
         SolveReweighted(matches, refined.direction, refined.noise);
     if (!next) break;
     const double step = (*next - refined.direction).norm();
     refined.direction = *next;
-    if (step < kMinStep) break;
+    // The step, in radians, is far below the error of any direction.
+    if (step < 1e-6) break;
   }
   return refined;
 }
@@ -372,7 +366,9 @@ void TakeDirection(const PositionProblem& problem, const ImagePair& pair,
   baseline->kind = BaselineKind::kDirection;
   baseline->direction = -(*problem.world_from_cam[pair.image_idx2] *
                           *pair.relative_pose->translation_direction);
-  baseline->sigma_rad = kSigmaWithoutMatches;
+  // Positions depend on this standard deviation only if pairs with matches and
+  // pairs without are mixed.
+  baseline->sigma_rad = DegToRad(0.5);
 }
 
 // Fills all but the images.

@@ -70,15 +70,13 @@ double BlockFunction::Cost(const MatrixXd& z) const {
 }
 
 void BlockFunction::Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
-  // Less work than this does not justify a thread.
-  constexpr size_t kBlocksPerItem = 16384;
   ParallelFor(
       blocks.size(), num_threads,
       [&](size_t k) {
         z->block<3, 1>(3 * k, 0) = BlockProx(blocks[k], rho / blocks[k].weight,
                                              v.block<3, 1>(3 * k, 0));
       },
-      kBlocksPerItem);
+      /*block_size=*/16384);  // less work does not justify a thread
 }
 
 }  // namespace mgsfm

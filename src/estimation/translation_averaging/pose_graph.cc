@@ -30,9 +30,6 @@ constexpr double kMinSigmaInDepths = 1e-3;
 // 2.4. Twice the value changes errors by less than 1 %
 // (docs/results/constants.md).
 constexpr double kPoseLossScale = 3.0;
-// The defaults of Ceres.
-constexpr int kMaxNumPoseIterations = 50;
-constexpr double kPoseTolerance = 1e-6;
 // A pair shows no parallax if its baseline is shorter than about this: three
 // times the sine of the smallest parallax of 0.3 degrees.
 constexpr double kStandingSigmaInDepths = 0.016;
@@ -201,8 +198,6 @@ SolveSummary Solve(const PoseEdges& edges, double loss_scale,
   // Neither the kernels of a BLAS nor threads may change the result.
   options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   options.num_threads = 1;
-  options.max_num_iterations = kMaxNumPoseIterations;
-  options.function_tolerance = kPoseTolerance;
   options.logging_type = ceres::SILENT;
   StopWhenCanceled stop(context);
   options.callbacks.push_back(&stop);

@@ -9,7 +9,6 @@
 #include <optional>
 #include <utility>
 
-#include "geometry/so3.h"
 #include "math/l1_admm.h"
 #include "math/sparse_solver.h"
 #include "math/statistics.h"
@@ -27,8 +26,6 @@ using Eigen::Vector3d;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// Error of directions beyond their own estimates, and the unit of residuals.
-constexpr double kDirectionSigma = DegToRad(0.5);
 // Lengths known this well weigh as much as directions. If they weighed less,
 // wrong directions could shorten good baselines instead of being outliers.
 constexpr double kGoodScaleSigma = 0.15;
@@ -44,14 +41,6 @@ constexpr double kMaxSensorSigma = 0.5;
 // is 1e-8 of that of a pair with a baseline of one unit.
 constexpr double kRidge = 1e-4;
 constexpr double kRidgeWeight = 1e-4;
-// A pair counts with at least this share of the lower quartile of its frames'
-// lengths. Otherwise pairs that match a vehicle ahead, with 1/50 to 1/100 of
-// the true length, outvote the others: on KITTI 01 with the cube6 rig the error
-// was 8 m instead of 0.8 m (docs/maths/translation_averaging.md, section 3).
-constexpr double kMinRelativeLength = 0.5;
-// Border of the arrow solver, which is dense; larger problems use the sparse
-// solver.
-constexpr int kMaxBorderSize = 100;
 
 // The frames of the largest set that pairs connect; the set of the first frame
 // if several are equally large.
@@ -105,7 +94,12 @@ std::vector<double> MinCountedLengths(const InitializationInput& in) {
   for (size_t i = 0; i < in.baselines.size(); ++i) {
     if (!in.IsDirectionBetweenFrames(i)) continue;
     const auto [f1, f2] = in.FramesOf(i);
-    min_length[i] = kMinRelativeLength * std::min(quartile[f1], quartile[f2]);
+    // A pair counts with at least this share of the lower quartile of its
+    // frames' lengths. Otherwise pairs that match a vehicle ahead, with 1/50 to
+    // 1/100 of the true length, outvote the others: on KITTI 01 with the cube6
+    // rig the error was 8 m instead of 0.8 m
+    // (docs/maths/translation_averaging.md, section 3).
+    min_length[i] = 0.5 * std::min(quartile[f1], quartile[f2]);
   }
   return min_length;
 }
@@ -375,7 +369,9 @@ Solution Minimize(const BlockSystem& system, const Unknowns& unknowns,
     }
     return solution;
   };
-  if (unknowns.size - unknowns.num_frame_columns > kMaxBorderSize) {
+  // Border of the arrow solver, which is dense; larger problems use the sparse
+  // solver.
+  if (unknowns.size - unknowns.num_frame_columns > 100) {
     return minimize(SparseLeastSquares(A, context.num_threads));
   }
   return minimize(ArrowLeastSquares(A, unknowns.num_frame_columns / 3,

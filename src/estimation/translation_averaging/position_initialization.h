@@ -5,6 +5,7 @@
 #include <array>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/solver.h"
@@ -13,6 +14,9 @@
 #include "translation_averaging/scale_averaging.h"
 
 namespace mgsfm {
+
+// Error of directions beyond their own estimates, and the unit of residuals.
+inline constexpr double kDirectionSigma = DegToRad(0.5);
 
 // Convex L1 estimate of all positions. With C_p the baseline c_j - c_i of pair
 // p, b_p its measured direction and s_p = a_g scale_p its length (a_g the

@@ -8,15 +8,12 @@
 namespace mgsfm {
 namespace {
 
-// Errors of pairs beyond their own estimates. Half or twice the values change
+// Errors of scales beyond their own estimates. Half or twice the value changes
 // no error, as for kZeroBaselineWeight (docs/results/constants.md).
-constexpr double kDirectionSigma = DegToRad(0.5);
 constexpr double kScaleSigma = 0.1;
 // Relative to the weight of a direction, per unit of length: a pair without
 // parallax bounds its baseline only loosely.
 constexpr double kZeroBaselineWeight = 0.01;
-// Fewer points do not support a refinement; a sanity bound.
-constexpr size_t kMinNumPoints = 10;
 
 }  // namespace
 
@@ -54,8 +51,9 @@ double RefinementInput::ZeroBaselineWeight() const {
 
 bool IsDetermined(const RefinementInput& input,
                   const std::vector<size_t>& track_idxs) {
+  // Fewer points do not support a refinement.
   return (input.HasDirections() || input.baselines.empty()) &&
-         track_idxs.size() >= kMinNumPoints;
+         track_idxs.size() >= 10;
 }
 
 SolveSummary NothingToDo(const char* message) {

@@ -31,22 +31,12 @@ constexpr int kMaxNumLinks = 3;
 // length.
 constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
-// The error of lengths that are equal if the cameras of the rig trigger
-// simultaneously, as large as kMinScaleSigma.
-constexpr double kEqualLengthSigma = 0.05;
 // The error of expected lengths; links by matches have 40 times the weight.
 constexpr double kExpectedLengthSigma = 0.2;
-// A factor of e; a length less certain than this is as good as unknown.
-constexpr double kMaxScaleSigma = 1.0;
-// Stopping rule on log(scale), far below kMinRatioSigma.
-constexpr double kMinStep = 1e-4;
-// Fixes the gauge of each group; negligible beside the weights of the links.
-constexpr double kRidge = 1e-6;
 // Cauchy loss in standard deviations of a link: from kFirstLossScale, halved
 // each round, to kLastLossScale, which takes four rounds; the others converge.
 constexpr double kFirstLossScale = 30.0;
 constexpr double kLastLossScale = 3.0;
-constexpr int kMaxNumRounds = 20;
 
 struct ScaleLink {
   int pair1;
@@ -153,7 +143,9 @@ void LinkEqualLengths(const std::vector<BaselineDirection>& baselines,
     std::optional<int> first;
     for (const int i : pair_idxs) {
       if (baselines[i].kind != BaselineKind::kDirection) continue;
-      if (first) links->push_back({*first, i, 0.0, kEqualLengthSigma});
+      // The error of lengths that are equal if the cameras of the rig trigger
+      // simultaneously, as large as kMinScaleSigma.
+      if (first) links->push_back({*first, i, 0.0, 0.05});
       if (!first) first = i;
     }
   }
@@ -240,7 +232,9 @@ Eigen::VectorXd Linearize(const std::vector<ScaleLink>& links,
   double* values = H.valuePtr();
   std::fill_n(values, H.nonZeros(), 0.0);
   for (Eigen::Index i = 0; i < log_scale.size(); ++i) {
-    values[H.outerIndexPtr()[i]] = kRidge;
+    // Fixes the gauge of each group; negligible beside the weights of the
+    // links.
+    values[H.outerIndexPtr()[i]] = 1e-6;
   }
   for (size_t k = 0; k < links.size(); ++k) {
     const ScaleLink& link = links[k];
@@ -266,7 +260,7 @@ Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
   ScaleEquations equations = MakeEquations(num_pairs, links);
   SparseCholesky solver(num_threads);
   solver.Analyze(equations.H);
-  for (int round = 0; round < kMaxNumRounds; ++round) {
+  for (int round = 0; round < 20; ++round) {
     const double loss_scale =
         std::max(kLastLossScale, kFirstLossScale * std::pow(0.5, round));
     const Eigen::VectorXd rhs = Linearize(
@@ -278,7 +272,8 @@ Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
       log_scale += step;
       max_step = step.cwiseAbs().maxCoeff();
     }
-    if (loss_scale == kLastLossScale && max_step < kMinStep) break;
+    // Stopping rule on log(scale), far below kMinRatioSigma.
+    if (loss_scale == kLastLossScale && max_step < 1e-4) break;
   }
   return log_scale;
 }
@@ -301,8 +296,9 @@ std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
   }
   for (size_t i = 0; i < sigmas.size(); ++i) {
     if (errors[i].empty()) continue;
-    sigmas[i] = std::min(std::hypot(RobustSigma<1>(errors[i]), kMinScaleSigma),
-                         kMaxScaleSigma);
+    // A factor of e; a length less certain than this is as good as unknown.
+    sigmas[i] =
+        std::min(std::hypot(RobustSigma<1>(errors[i]), kMinScaleSigma), 1.0);
   }
   return sigmas;
 }

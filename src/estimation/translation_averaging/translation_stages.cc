@@ -18,24 +18,11 @@ namespace {
 // and twice the iterations change errors by less than 1 %, those of the loss by
 // at most 8 % (docs/results/constants.md).
 constexpr double kCoarseLossRad = DegToRad(1.0);
-constexpr double kCoarseFunctionTolerance = 1e-3;
 constexpr int kNumCoarseIterations = 10;
-// Lower bound of the loss scale: 0.14 pixels at a focal length of 800 pixels.
-constexpr double kMinLossRad = DegToRad(0.01);
-// 2.4 standard deviations: the Cauchy loss is 95 % efficient for normal noise.
-constexpr double kLossInSigmas = 2.4;
-constexpr double kFunctionTolerance = 1e-5;
 // Lower bound of the depth of points, relative to the typical depth: nearer
 // ones come from rays of nearly one origin. Half or twice the value
 // changes no error (docs/results/constants.md).
 constexpr double kMinRelativeDepth = 0.02;
-// A sensor is reported unless less than this share of its squared motion lies
-// in the undetermined subspace. N sensors that move together have 1 / N each; a
-// share below this value is less than a tenth of the motion.
-constexpr double kMinUnobservableShare = 0.01;
-// A pair without parallax does not move by more, in standard deviations; normal
-// errors exceed it with probability 3e-2 in three dimensions.
-constexpr double kMaxZeroBaselineError = 3.0;
 
 RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
   RefinementOptions common;
@@ -90,8 +77,10 @@ void IgnoreMovingPairsWithoutParallax(
   }
   if (units.empty()) return;
   const double unit = Median(std::move(units));
-  const double max_length = kMaxZeroBaselineError *
-                            ZeroBaselineSigma(pairs->scales, min_parallax_deg);
+  // A pair without parallax does not move by more, in standard deviations;
+  // normal errors exceed it with probability 3e-2 in three dimensions.
+  const double max_length =
+      3.0 * ZeroBaselineSigma(pairs->scales, min_parallax_deg);
   for (size_t i = 0; i < expected_length.size(); ++i) {
     BaselineDirection& baseline = pairs->baselines[i];
     if (baseline.kind == BaselineKind::kNoParallax && expected_length[i] &&
@@ -203,7 +192,7 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
   }
   RefinementOptions refinement = CommonOptions(options);
   refinement.loss_scale_rad = kCoarseLossRad;
-  refinement.function_tolerance = kCoarseFunctionTolerance;
+  refinement.function_tolerance = 1e-3;
   refinement.max_num_iterations = kNumCoarseIterations;
   (void)RefineJointly(stage, refinement, &placed);
   triangulate_and_place();
@@ -211,10 +200,11 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
   const double sigma =
       AngularSigma(input.problem, rays, placed.points, placed.positions);
   refinement = CommonOptions(options);
-  refinement.loss_scale_rad =
-      std::clamp(kLossInSigmas * sigma, std::min(kMinLossRad, max_angle_rad),
-                 max_angle_rad);
-  refinement.function_tolerance = kFunctionTolerance;
+  // At 2.4 standard deviations, the Cauchy loss is 95 % efficient for normal
+  // noise. The lower bound is 0.14 pixels at a focal length of 800 pixels.
+  refinement.loss_scale_rad = std::clamp(
+      2.4 * sigma, std::min(DegToRad(0.01), max_angle_rad), max_angle_rad);
+  refinement.function_tolerance = 1e-5;
   state.solve = RefineJointly(stage, refinement, &placed);
   triangulate_and_place();
   return state;
@@ -301,8 +291,11 @@ void SummarizeEstimate(const PositionProblem& problem,
         initial.unobservable.middleCols(static_cast<Eigen::Index>(3 * k), 3);
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
         part.transpose() * part);
-    const auto num_weak = static_cast<int>(
-        (eigen.eigenvalues().array() > kMinUnobservableShare).count());
+    // A sensor is reported unless less than this share of its squared motion
+    // lies in the undetermined subspace. N sensors that move together have 1 /
+    // N each; a share below this value is less than a tenth of the motion.
+    const auto num_weak =
+        static_cast<int>((eigen.eigenvalues().array() > 0.01).count());
     if (num_weak == 0) continue;
     summary->sensors[initial.free_sensors[k]] = {
         false, num_weak, DescribeUnobservable(num_weak)};

@@ -24,8 +24,6 @@ using internal::FocalEquations;
 using internal::FocalPair;
 using internal::LensOffset;
 
-// Six times the 5 degrees of freedom of an essential matrix.
-constexpr size_t kMinNumMatches = 30;
 // A single pair has one equation for a focal length, and its errors are not
 // checked by others.
 constexpr int kMinNumPairs = 3;
@@ -42,8 +40,6 @@ constexpr std::array<double, 4> kDistortions = {0.0, -0.15, -0.3, 0.1};
 constexpr double kSigmaOfDistortion = 0.2;
 constexpr double kSigmaOfPrincipalPoint = 0.02;
 constexpr double kSigmaOfConstant = 1e-6;
-// The search only has to find the basin of the minimum.
-constexpr size_t kMaxNumSearchPairs = 40;
 // An estimate outside of the searched range by more than a fifth diverged.
 constexpr double kMaxRelativeLogFactor = 1.2;
 // The relative error that all pairs of a camera share: the root mean square
@@ -52,10 +48,6 @@ constexpr double kSharedSigma = 0.02;
 // Poses start at those of the previous focal lengths. Steps of 0.2 cross the
 // whole range in ten iterations; five halvings leave 3 % of a step.
 constexpr int kNumPoseIterations = 5;
-constexpr int kMaxNumIterations = 20;
-constexpr int kMaxNumHalvings = 5;
-// Largest step of a log factor: the derivatives hold for about 20 %.
-constexpr double kMaxStep = 0.2;
 // Small against the standard deviations that pairs can have; the result is only
 // the start of maps.
 constexpr double kMinStep = 1e-3;
@@ -71,8 +63,6 @@ constexpr double kMinSigmaPx = 0.05;
 // Damping of poses, relative and absolute, which only acts on directions that
 // no match determines.
 constexpr double kPoseDamping = 1e-9;
-// Damping of log factors: one that no pair determines does not change.
-constexpr double kFactorDamping = 1e-6;
 
 const char* const kReason =
     "the views of its pairs rotate too little, or their optical axes stay "
@@ -153,8 +143,8 @@ std::vector<FocalPair> SelectPairs(const Scene& scene,
   std::vector<std::vector<size_t>> candidates(unknowns.size());
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
-    if (pair.matches.size() < kMinNumMatches ||
-        pair.config == TwoViewConfig::kDegenerate ||
+    // Six times the 5 degrees of freedom of an essential matrix.
+    if (pair.matches.size() < 30 || pair.config == TwoViewConfig::kDegenerate ||
         pair.config == TwoViewConfig::kWatermark) {
       continue;
     }
@@ -205,7 +195,8 @@ std::vector<size_t> SelectSearchPairs(const std::vector<FocalPair>& pairs,
     const std::optional<int> b = unknowns.of_camera[pairs[k].camera_idx2()];
     if ((a == c || b == c) && (!a || !b || a == b)) selected.push_back(k);
   }
-  const size_t size = std::min(selected.size(), kMaxNumSearchPairs);
+  // The search only has to find the basin of the minimum.
+  const size_t size = std::min(selected.size(), size_t{40});
   for (size_t i = 0; i < size; ++i) {
     selected[i] = selected[i * selected.size() / size];
   }
@@ -332,7 +323,8 @@ ReducedEquations Reduce(const std::vector<FocalPair>& pairs,
     reduced.gradient.segment<kLensSize>(kLensSize * c) +=
         weight.cwiseProduct(ValueOf(s, c));
   }
-  reduced.hessian.diagonal().array() += kFactorDamping;
+  // Damping of log factors: one that no pair determines does not change.
+  reduced.hessian.diagonal().array() += 1e-6;
   return reduced;
 }
 
@@ -347,8 +339,9 @@ bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
     cost += pair.Cost();
     poses.push_back(pair.pose());
   }
-  double scale = std::min(1.0, kMaxStep / step.cwiseAbs().maxCoeff());
-  for (int i = 0; i < kMaxNumHalvings; ++i, scale *= 0.5) {
+  // Largest step of a log factor: the derivatives hold for about 20 %.
+  double scale = std::min(1.0, 0.2 / step.cwiseAbs().maxCoeff());
+  for (int i = 0; i < 5; ++i, scale *= 0.5) {
     for (size_t k = 0; k < pairs->size(); ++k) {
       const FocalEquations& e = reduced.of_pair[k];
       const auto [a, b] = unknowns.OfPair((*pairs)[k]);
@@ -378,7 +371,7 @@ void Refine(const Unknowns& unknowns, double min_step, const Context& context,
   SetLenses(*s, unknowns, context.num_threads, pairs);
   ParallelFor(pairs->size(), context.num_threads,
               [&](size_t k) { (*pairs)[k].RefinePose(kNumPoseIterations); });
-  for (int i = 0; i < kMaxNumIterations; ++i) {
+  for (int i = 0; i < 20; ++i) {
     context.CheckInterrupted();
     const ReducedEquations reduced =
         Reduce(*pairs, unknowns, *s, 1.0, context.num_threads);

@@ -19,22 +19,9 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Bounds the cost of a pair; more matches hardly add to its 5 + 2 unknowns.
-constexpr size_t kMaxNumMatches = 200;
 // Steps of forward differences, which balance truncation and rounding.
 constexpr double kPoseStep = 1e-6;
 constexpr double kLensStep = 1e-5;
-// COLMAP's default of the two-view geometry; wide, as focal lengths are wrong.
-constexpr double kRansacErrorPx = 4.0;
-// A sample of five inliers at an inlier ratio of 0.4 is found with probability
-// 1 - (1 - 0.4^5)^500 = 0.994.
-constexpr int kMaxNumTrials = 500;
-// Damping of poses, relative and absolute. It only acts on directions that no
-// match determines.
-constexpr double kRelativeDamping = 1e-6;
-constexpr double kAbsoluteDamping = 1e-9;
-// Relative decrease of the cost at which a pose has converged.
-constexpr double kMinCostDecrease = 1e-4;
 constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kFocalLossScalePx};
 
 // First-order (Sampson) distance in pixels. Matches without rays and those at
@@ -46,15 +33,14 @@ struct PixelDistance {
 
   PixelDistance(const Matrix3d& E, const std::optional<RayPatch>& a,
                 const std::optional<RayPatch>& b) {
-    // At a focal length of 1000 px, such a match is within 1e-9 rad of both
-    // epipoles.
-    constexpr double kMinVariance = 1e-24;
     if (!a || !b) return;
     line2 = E * a->ray;
     line1 = E.transpose() * b->ray;
     const double squares = (b->by_pixel.transpose() * line2).squaredNorm() +
                            (a->by_pixel.transpose() * line1).squaredNorm();
-    if (!(squares > kMinVariance)) return;
+    // At a focal length of 1000 px, such a match is within 1e-9 rad of both
+    // epipoles.
+    if (!(squares > 1e-24)) return;
     variance = squares;
     value = b->ray.dot(line2) / std::sqrt(squares);
   }
@@ -112,7 +98,8 @@ FocalPair::FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
   const Image& image2 = scene.images[pair.image_idx2];
   camera_idx1_ = image1.camera_idx;
   camera_idx2_ = image2.camera_idx;
-  const size_t num_used = std::min(kMaxNumMatches, pair.matches.size());
+  // Bounds the cost of a pair; more matches hardly add to its 5 + 2 unknowns.
+  const size_t num_used = std::min(size_t{200}, pair.matches.size());
   for (size_t i = 0; i < num_used; ++i) {
     const Match& match = pair.matches[i * pair.matches.size() / num_used];
     pixels1_.push_back(image1.keypoints_px[match.keypoint_idx1].cast<double>());
@@ -213,9 +200,13 @@ bool FocalPair::Initialize(Random* random) {
   }
   RansacOptions ransac;
   const Camera& camera = camera1();
+  // COLMAP's default of the two-view geometry; wide, as focal lengths are
+  // wrong.
   ransac.max_error_rad =
-      kRansacErrorPx / PixelsPerRadian(camera.model, camera.params.data());
-  ransac.max_num_trials = kMaxNumTrials;
+      4.0 / PixelsPerRadian(camera.model, camera.params.data());
+  // A sample of five inliers at an inlier ratio of 0.4 is found with
+  // probability 1 - (1 - 0.4^5)^500 = 0.994.
+  ransac.max_num_trials = 500;
   const auto pose = EstimateRelativePose(matches, ransac, random);
   if (pose) consider(*pose);
   return pose.has_value();
@@ -287,8 +278,9 @@ double FocalPair::RefinePose(int num_iterations) {
   for (int i = 0; i < num_iterations; ++i) {
     const FocalEquations equations = Linearize(false);
     Eigen::Matrix<double, 5, 5> H = equations.hessian.topLeftCorner<5, 5>();
-    H.diagonal() *= 1.0 + kRelativeDamping;
-    H.diagonal().array() += kAbsoluteDamping;
+    // Damping only acts on directions that no match determines.
+    H.diagonal() *= 1.0 + 1e-6;
+    H.diagonal().array() += 1e-9;
     const Rigid3 before = pose_;
     MovePose(-H.ldlt().solve(equations.gradient.head<5>()));
     const double new_cost = Cost();
@@ -296,7 +288,7 @@ double FocalPair::RefinePose(int num_iterations) {
       pose_ = before;
       break;
     }
-    const bool has_converged = new_cost > (1.0 - kMinCostDecrease) * cost;
+    const bool has_converged = new_cost > (1.0 - 1e-4) * cost;
     cost = new_cost;
     if (has_converged) break;
   }

@@ -20,23 +20,10 @@ namespace {
 // that is off by the maximum error at a match, both errors add up. Half and
 // twice the value increase errors by 4 and 2 % (docs/results/constants.md).
 constexpr double kRelaxation = 2.0;
-// A homography is a rotation if its singular values differ by at most this
-// ratio.
-constexpr double kHomographyRotationTolerance = 1e-4;
-// Most pairs converge in fewer iterations.
-constexpr int kMaxNumRefinementIterations = 15;
-// A sample of two inliers at an inlier ratio of 0.2 is found with probability
-// 1 - (1 - 0.2^2)^200 = 0.9997.
-constexpr int kMaxNumRotationTrials = 200;
 // Scales of the loss relative to the maximum error: initially
 // (docs/results/constants.md compares half and twice the value), and the lower
 // bound for exact (simulated) matches.
 constexpr double kInitialLossScale = 0.25;
-constexpr double kMinLossScale = 1e-3;
-// Relative decrease of the cost at which refinement stops, before and after the
-// scale of the loss is estimated.
-constexpr double kCoarseCostTolerance = 1e-2;
-constexpr double kFineCostTolerance = 1e-5;
 // Maximum ratio of the median errors of rotation and pose. It is 1.7 without
 // parallax: the ratio of the medians of the norm of two normal variables (1.18)
 // and of one (0.67). A larger ratio means that parallax biases the rotation.
@@ -170,8 +157,10 @@ class PairEstimator {
     if (!K1 || !K2) return;
     if (IsSet(pair_.F)) TryEssential(K2->transpose() * *pair_.F * *K1);
     if (IsSet(pair_.H)) {
-      for (const PlanarMotion& motion : DecomposeHomography(
-               K2->inverse() * *pair_.H * *K1, kHomographyRotationTolerance)) {
+      // A homography is a rotation if its singular values differ by at most
+      // this ratio.
+      for (const PlanarMotion& motion :
+           DecomposeHomography(K2->inverse() * *pair_.H * *K1, 1e-4)) {
         Try(ToRelativePose(motion.cam2_from_cam1), PairOutcome::kDecomposed);
       }
     }
@@ -194,8 +183,9 @@ class PairEstimator {
   void Reestimate(Random* random) {
     RansacOptions ransac;
     ransac.max_error_rad = max_error_;
-    ransac.max_num_trials =
-        std::min(options_.max_num_trials, kMaxNumRotationTrials);
+    // A sample of two inliers at an inlier ratio of 0.2 is found with
+    // probability 1 - (1 - 0.2^2)^200 = 0.9997.
+    ransac.max_num_trials = std::min(options_.max_num_trials, 200);
     if (const auto rotation = EstimateRotation(matched_.rays, ransac, random)) {
       Try({*rotation, std::nullopt}, PairOutcome::kReestimated);
     }
@@ -220,15 +210,15 @@ class PairEstimator {
     }
     Rigid3 pose = WithDirection(pose_, inliers, max_error_);
     PoseRefinementOptions refinement;
-    refinement.max_num_iterations = kMaxNumRefinementIterations;
+    // Most pairs converge in fewer iterations.
+    refinement.max_num_iterations = 15;
     refinement.loss_scale_rad = kInitialLossScale * max_error_;
-    refinement.relative_cost_tolerance = kCoarseCostTolerance;
+    refinement.relative_cost_tolerance = 1e-2;
     RefineRelativePose(inliers, refinement, &pose);
     // Actual errors are often far below the threshold.
-    refinement.loss_scale_rad =
-        std::max(options_.loss_scale * MedianError(inliers, pose),
-                 kMinLossScale * max_error_);
-    refinement.relative_cost_tolerance = kFineCostTolerance;
+    refinement.loss_scale_rad = std::max(
+        options_.loss_scale * MedianError(inliers, pose), 1e-3 * max_error_);
+    refinement.relative_cost_tolerance = 1e-5;
     RefineRelativePose(inliers, refinement, &pose);
     Eigen::Quaterniond rotation = pose.rotation;
     RefineRotation(inliers, refinement, &rotation);

@@ -29,9 +29,6 @@ namespace {
               ")" + remedy);
 }
 
-// More than anybody types. Devices such as /dev/zero have no end.
-constexpr size_t kMaxDeviceBytes = 1 << 20;
-
 bool IsDevice(const struct stat& status) {
   return S_ISCHR(status.st_mode) || S_ISBLK(status.st_mode);
 }
@@ -87,14 +84,14 @@ PipeContents& ReadPipes() {
 std::string ReadDescriptor(int file, const struct stat& status,
                            const std::filesystem::path& path,
                            const std::string& what, size_t max_size) {
-  constexpr size_t kMinChunk = 1 << 16;
   std::string content;
   size_t num_read = 0;
   while (num_read < max_size) {
     if (num_read == content.size()) {
       const auto size = static_cast<size_t>(std::max<off_t>(0, status.st_size));
       content.resize(std::min(
-          max_size, std::max({size + 1, num_read + kMinChunk, 2 * num_read})));
+          max_size,
+          std::max({size + 1, num_read + size_t{1 << 16}, 2 * num_read})));
     }
     const ssize_t result =
         read(file, content.data() + num_read, content.size() - num_read);
@@ -102,7 +99,8 @@ std::string ReadDescriptor(int file, const struct stat& status,
     if (result < 0 && errno == EINTR) continue;
     if (result < 0) ThrowReadError(path, what, errno);
     num_read += static_cast<size_t>(result);
-    if (num_read > kMaxDeviceBytes && IsDevice(status)) {
+    // More than anybody types. Devices such as /dev/zero have no end.
+    if (num_read > (1 << 20) && IsDevice(status)) {
       throw Error((what.empty() ? "'" + path.string() + "'" : what) +
                   " is a device, not a file; give a file");
     }

@@ -15,16 +15,13 @@ constexpr std::pair<std::string_view, double> kMaxima[] = {
     {"matches", 1e7},      {"features", 1e7},   {"points", 1e7},
     {"observations", 1e7}, {"tracks", 1e7},     {"descriptors", 1e8},
     {"words", 1e8},        {"pairs", 1e8}};
-// Far above any sensible ratio, size or time: it only rejects typing errors.
-constexpr double kMaxOfOthers = 1e6;
-// Smaller values are negligible beside numbers of size 1 in double precision.
-constexpr double kMinAboveZero = 1e-15;
 
 double MaxOfUnit(std::string_view unit) {
   for (const auto& [name, max] : kMaxima) {
     if (name == unit) return max;
   }
-  return kMaxOfOthers;
+  // Far above any sensible ratio, size or time: it only rejects typing errors.
+  return 1e6;
 }
 
 }  // namespace
@@ -38,7 +35,9 @@ Range RangeOf(const OptionEntry& entry) {
   if (std::isinf(range.max)) range.max = MaxOfUnit(entry.unit);
   if (std::isinf(range.min)) range.min = -range.max;
   if (is_real && range.min == 0.0 && range.min_is_open) {
-    range.min = kMinAboveZero;
+    // Smaller values are negligible beside numbers of size 1 in double
+    // precision.
+    range.min = 1e-15;
     range.min_is_open = false;
   }
   return range;

@@ -139,8 +139,7 @@ size_t EditDistance(const std::string& a, const std::string& b) {
 const std::string* ShortestWithPart(const std::string& part,
                                     const std::vector<std::string>& names) {
   // Three letters occur in many names by chance.
-  constexpr size_t kMinPartSize = 4;
-  if (part.size() < kMinPartSize) return nullptr;
+  if (part.size() < 4) return nullptr;
   const std::string* shortest = nullptr;
   for (const std::string& name : names) {
     if (ToLower(name).find(part) == std::string::npos) continue;

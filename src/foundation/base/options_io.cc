@@ -14,8 +14,6 @@
 namespace mgsfm {
 namespace {
 
-constexpr size_t kHelpWidth = 80;  // columns of a terminal
-
 std::string Trim(const std::string& text) {
   const char* const spaces = " \t\r";
   const size_t begin = text.find_first_not_of(spaces);
@@ -125,7 +123,8 @@ void AppendWrapped(const std::string& text, size_t indent, std::string* out) {
   std::string word;
   size_t column = 0;
   while (words >> word) {
-    if (column == 0 || column + 1 + word.size() > kHelpWidth) {
+    // A terminal has 80 columns.
+    if (column == 0 || column + 1 + word.size() > 80) {
       *out += (column == 0 ? "" : "\n") + std::string(indent, ' ') + word;
       column = indent + word.size();
     } else {

@@ -34,9 +34,8 @@ uint32_t Random::Index(uint32_t size) {
 }
 
 double Random::Normal() {
-  constexpr double kTwoPi = 6.283185307179586;
   const double radius = std::sqrt(-2.0 * std::log(1.0 - Uniform()));
-  return radius * std::cos(kTwoPi * Uniform());
+  return radius * std::cos(2.0 * 3.14159265358979323846 * Uniform());
 }
 
 }  // namespace mgsfm

@@ -19,7 +19,6 @@ constexpr int kSampleSize = 3;
 // scale of 0.5 keeps them in the quadratic range and downweights those near the
 // bound. The lower bound avoids a degenerate loss for exact data.
 constexpr double kLossScale = 0.5;
-constexpr double kMinLossScale = 0.02;
 
 // A camera at its pose in the world.
 struct PlacedCamera {
@@ -125,9 +124,8 @@ class CameraEquations {
  private:
   // A logarithm takes as long as the rest.
   void AddFactorOfCost(double x) {
-    constexpr double kLarge = 1e100;
     product_ *= x;
-    if (product_ < kLarge) return;
+    if (product_ < 1e100) return;
     sum_of_logs_ += std::log(product_);
     product_ = 1.0;
   }
@@ -284,7 +282,7 @@ class AbsolutePoseRansac {
     std::nth_element(errors.begin(), middle, errors.end());
     Rigid3 refined = *best_;
     const double loss_scale =
-        std::min(kLossScale, std::max(kMinLossScale, 2.0 * *middle));
+        std::min(kLossScale, std::max(0.02, 2.0 * *middle));
     if (RefineAbsolutePose(inliers, loss_scale, &refined).IsUsable()) {
       best_ = refined;
     }

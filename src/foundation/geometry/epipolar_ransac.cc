@@ -9,10 +9,6 @@
 namespace mgsfm {
 namespace {
 
-// Local refinements rank hypotheses; the best one is refined to convergence.
-// More steps only cost time.
-constexpr int kNumLocalIterations = 5;
-
 // The truncated squared Sampson errors without the test for the front of the
 // cameras. Stops above `max_cost`. |E| = sqrt 2.
 double ScoreEssential(const RayMatches& matches, const Eigen::Matrix3d& E,
@@ -40,7 +36,9 @@ struct Scored {
 PoseRefinementOptions LocalOptions(const RansacOptions& options) {
   PoseRefinementOptions local;
   local.loss_scale_rad = 0.5 * options.max_error_rad;
-  local.max_num_iterations = kNumLocalIterations;
+  // Local refinements rank hypotheses; the best one is refined to convergence.
+  // More steps only cost time.
+  local.max_num_iterations = 5;
   local.relative_cost_tolerance = 1e-3;
   return local;
 }

@@ -19,13 +19,6 @@ using Basis = Eigen::Matrix<double, 3, 2>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 
-// Damping relative to the diagonal of the normal equations. The start is close
-// to Gauss-Newton. Below the lower bound, damping changes a step by less than
-// 1e-10 of it; above the upper bound no step decreases the cost.
-constexpr double kInitialDamping = 1e-4;
-constexpr double kMinDamping = 1e-10;
-constexpr double kMaxDamping = 1e8;
-
 // Orthonormal columns normal to the unit vector t.
 Basis TangentBasis(const Eigen::Vector3d& t) {
   Basis basis;
@@ -126,7 +119,7 @@ SolveSummary Minimize(const PoseRefinementOptions& options,
     return summary;
   }
   summary.termination = Termination::kMaxIterations;
-  double damping = kInitialDamping;
+  double damping = 1e-4;
   while (summary.num_iterations < options.max_num_iterations) {
     ++summary.num_iterations;
     const auto step = equations.Step(damping);
@@ -137,11 +130,13 @@ SolveSummary Minimize(const PoseRefinementOptions& options,
     if (is_better) {
       *x = candidate;
       equations = candidate_equations;
-      damping = std::max(0.1 * damping, kMinDamping);
+      // Less damping changes a step by less than 1e-10 of it.
+      damping = std::max(0.1 * damping, 1e-10);
     } else {
       damping *= 10.0;
     }
-    if (step.norm() <= options.step_tolerance_rad || damping > kMaxDamping ||
+    // Above this damping, no step decreases the cost.
+    if (step.norm() <= options.step_tolerance_rad || damping > 1e8 ||
         (is_better &&
          decrease <= options.relative_cost_tolerance * equations.cost)) {
       summary.termination = Termination::kConverged;

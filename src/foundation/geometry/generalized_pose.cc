@@ -19,14 +19,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 constexpr int kSampleSize = 6;
 // Relative to max_error: the reason is that in absolute_pose.cc.
 constexpr double kLossScale = 0.5;
-// Number of lengths tested for a guess, each from a different match. At an
-// inlier ratio of 0.2, one of them is right with probability 1 - 0.8^20 = 0.99.
-constexpr int kNumLengthsOfGuess = 20;
-// Centers coincide if their distance is below this fraction of their distances
-// to the origins of the units.
-constexpr double kMinRelativeBaseline = 1e-6;
-// Inlier ratio above which no other pose can have more inliers.
-constexpr double kMajority = 0.5;
 
 Rigid3 CameraMotion(const UnitMatches& pair, const Rigid3& unit2_from_unit1) {
   return pair.cam2_from_unit2 * unit2_from_unit1 *
@@ -38,7 +30,9 @@ bool HasBaseline(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
   const double size = pair.cam1_from_unit1.translation.norm() +
                       pair.cam2_from_unit2.translation.norm() +
                       unit2_from_unit1.translation.norm();
-  return cam2_from_cam1.translation.norm() > kMinRelativeBaseline * size;
+  // Centers coincide if their distance is below this fraction of their
+  // distances to the origins of the units.
+  return cam2_from_cam1.translation.norm() > 1e-6 * size;
 }
 
 // A one-parameter family of poses over the length s of the translation of a
@@ -166,8 +160,8 @@ class UnitPoseRansac {
                             const RansacOptions& options) {
     for (const PairPose& guess : guesses) Guess(guess);
     int num_trials = options.max_num_trials;
-    for (int trial = 0; trial < num_trials && InlierRatio() < kMajority;
-         ++trial) {
+    // Above half of the inliers, no other pose can have more of them.
+    for (int trial = 0; trial < num_trials && InlierRatio() < 0.5; ++trial) {
       if (Sample()) {
         num_trials = RequiredNumTrials(options, InlierRatio(), kSampleSize);
       }
@@ -224,7 +218,9 @@ class UnitPoseRansac {
   void Guess(const PairPose& guess) {
     const PoseLine line(pairs_[guess.pair], guess.cam2_from_cam1);
     bool is_better = false;
-    for (int i = 0; i < kNumLengthsOfGuess; ++i) {
+    // Each length is from a different match. At an inlier ratio of 0.2, one of
+    // 20 is right with probability 1 - 0.8^20 = 0.99.
+    for (int i = 0; i < 20; ++i) {
       is_better = TryOnLine(line, guess.pair) || is_better;
     }
     if (is_better) OptimizeLocally();

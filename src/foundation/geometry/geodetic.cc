@@ -47,15 +47,14 @@ Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
 
 Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
                                           const Eigen::Vector3d& origin) {
-  // Each step reduces the error of the latitude by the squared eccentricity.
-  constexpr int kNumSteps = 10;
   const Eigen::Vector3d p =
       EarthCentered(origin) + LocalAxes(origin) * east_north_up;
   const double squared_eccentricity = kFlattening * (2.0 - kFlattening);
   const double from_axis = p.head<2>().norm();
   double latitude = std::atan2(p.z(), from_axis * (1.0 - squared_eccentricity));
   double radius = kSemiMajorAxis_m;
-  for (int i = 0; i < kNumSteps; ++i) {
+  // Each step reduces the error of the latitude by the squared eccentricity.
+  for (int i = 0; i < 10; ++i) {
     const double sine = std::sin(latitude);
     radius =
         kSemiMajorAxis_m / std::sqrt(1.0 - squared_eccentricity * sine * sine);

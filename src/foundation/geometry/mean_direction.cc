@@ -14,14 +14,6 @@ using Eigen::Vector3d;
 
 // Bounds the quadratic cost of the start.
 constexpr size_t kMaxNumStarts = 100;
-// A limit for inputs whose inliers alternate; others end at the tolerance, in
-// radians, which is far below the error of a direction.
-constexpr int kMaxNumMeans = 50;
-constexpr double kTolerance = 1e-9;
-// Normal errors of a direction exceed three medians with probability 2^-9.
-constexpr double kMedianFactor = 3.0;
-// Keeps the bound of equal directions above rounding.
-constexpr double kMinAngleRad = 1e-6;
 
 double MedianAngle(const std::vector<Vector3d>& directions,
                    const Vector3d& mean) {
@@ -51,9 +43,11 @@ Vector3d BestSample(const std::vector<Vector3d>& directions) {
 Vector3d RobustMeanDirection(const std::vector<Vector3d>& directions) {
   MGSFM_CHECK(!directions.empty());
   Vector3d mean = BestSample(directions);
-  for (int i = 0; i < kMaxNumMeans; ++i) {
-    const double bound =
-        std::max(kMinAngleRad, kMedianFactor * MedianAngle(directions, mean));
+  // The limit is for inputs whose inliers alternate.
+  for (int i = 0; i < 50; ++i) {
+    // Normal errors of a direction exceed three medians with probability 2^-9.
+    // The lower limit keeps the bound of equal directions above rounding.
+    const double bound = std::max(1e-6, 3.0 * MedianAngle(directions, mean));
     Vector3d sum = Vector3d::Zero();
     for (const Vector3d& v : directions) {
       const double angle = AngleBetween(mean, v);
@@ -64,7 +58,8 @@ Vector3d RobustMeanDirection(const std::vector<Vector3d>& directions) {
     const Vector3d next = sum.normalized();
     const double move = (next - mean).norm();
     mean = next;
-    if (move < kTolerance) break;
+    // Far below the error of a direction, in radians.
+    if (move < 1e-9) break;
   }
   return mean;
 }

@@ -12,15 +12,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Roots have at least four digits (see below), and each step doubles them: two
-// steps suffice, and nearly double roots need more.
-constexpr int kMaxNumNewtonSteps = 5;
-// Relative to the largest squared distance between the points.
-constexpr double kMaxRelativeResidual = 1e-9;
-// Rounding gives a root of multiplicity m an imaginary part of about eps^(1/m),
-// 1e-4 for m = 4. Newton steps polish the accepted roots.
-constexpr double kMaxImaginaryPart = 1e-3;
-
 // The product of two polynomials in ascending order of coefficients.
 template <int kSize1, int kSize2>
 Eigen::Matrix<double, kSize1 + kSize2 - 1, 1> Multiply(
@@ -55,7 +46,9 @@ int PositiveRoots(const Eigen::Matrix<double, 5, 1>& polynomial,
   for (int i = 0; i < degree; ++i) {
     const double real = eigenvalues[i].real();
     const double imaginary = std::abs(eigenvalues[i].imag());
-    if (real > 0.0 && imaginary <= kMaxImaginaryPart * (1.0 + real)) {
+    // Rounding gives a root of multiplicity m an imaginary part of about
+    // eps^(1/m), 1e-4 for m = 4. Newton steps polish the accepted roots.
+    if (real > 0.0 && imaginary <= 1e-3 * (1.0 + real)) {
       (*roots)[num_roots++] = real;
     }
   }
@@ -157,8 +150,11 @@ bool ThreeRays::Polish(Vector3d* s) const {
       jacobian(k, j) = 2.0 * (sj - si * cosine_[k]);
     }
     const double error = residual.cwiseAbs().maxCoeff();
-    if (!(error <= kMaxRelativeResidual * squared_.maxCoeff())) {
-      if (step == kMaxNumNewtonSteps) return false;
+    // Relative to the largest squared distance between the points.
+    if (!(error <= 1e-9 * squared_.maxCoeff())) {
+      // Roots have at least four digits (see below), and each step doubles
+      // them: two steps suffice, and nearly double roots need more.
+      if (step == 5) return false;
     } else if (step >= 2) {
       return s->minCoeff() > 0.0;
     }

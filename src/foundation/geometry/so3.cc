@@ -51,8 +51,7 @@ Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega) {
 Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q) {
   // Rounding of a normalized quaternion changes its squared norm by a few
   // 1e-16.
-  constexpr double kRounding = 1e-14;
-  return std::abs(q.squaredNorm() - 1.0) <= kRounding ? q : q.normalized();
+  return std::abs(q.squaredNorm() - 1.0) <= 1e-14 ? q : q.normalized();
 }
 
 double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {

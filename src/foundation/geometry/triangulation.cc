@@ -42,12 +42,11 @@ struct NormalEquations {
   }
 
   std::optional<Vector3d> Solve() const {
+    const Matrix3d scaled = lhs / sum_weights;
     // For a matrix with trace 2 the determinant is about the smallest
     // eigenvalue, which is a^2 / 4 for two lines at a small angle a; a = 1e-6
     // rad here.
-    constexpr double kMinDeterminant = 0.25e-12;
-    const Matrix3d scaled = lhs / sum_weights;
-    if (!(scaled.determinant() > kMinDeterminant)) return std::nullopt;
+    if (!(scaled.determinant() > 0.25e-12)) return std::nullopt;
     const Vector3d point = scaled.ldlt().solve(rhs / sum_weights);
     if (!point.allFinite()) return std::nullopt;
     return point;
@@ -230,13 +229,12 @@ std::optional<Vector3d> TriangulateL1(const std::vector<Vector3d>& centers,
   if (rays.size() < 2) return std::nullopt;
   // The smoothing decreases by a factor of 5 from 1e-2 to kMinSine in 6 steps;
   // the others let the reweighting converge.
-  constexpr int kMaxNumIterations = 50;
   constexpr double kMinSine = 1e-6;  // regularizes the norm at zero
   const Vector3d origin = Mean(centers);
   const std::vector<Vector3d> local = Shifted(centers, origin);
   auto point = SolveLeastSquares(local, rays);
   double smoothing = 1e-2;
-  for (int i = 0; point && i < kMaxNumIterations; ++i) {
+  for (int i = 0; point && i < 50; ++i) {
     NormalEquations equations;
     for (size_t k = 0; k < rays.size(); ++k) {
       const Vector3d to_point = *point - local[k];

@@ -15,11 +15,6 @@
 namespace mgsfm {
 namespace {
 
-// Distances of a cut from a multiple of the wanted size, in sizes of a part: as
-// good as exact, and the largest one, beyond which another multiple is closer.
-constexpr double kGoodImbalance = 0.1;
-constexpr double kMaxImbalance = 0.5;
-
 class Partitioner {
  public:
   Partitioner(int num_nodes, const std::vector<GraphEdge>& edges,
@@ -132,10 +127,12 @@ std::optional<Partitioner::Cut> Partitioner::ChooseCut(const NodeSet& set,
     const int num_parts_below =
         std::clamp(static_cast<int>(std::lround(multiple)), 1, num_parts - 1);
     const double imbalance = std::abs(multiple - num_parts_below);
-    if (imbalance > kMaxImbalance) continue;
+    // Distances of a cut from a multiple of the wanted size, in sizes of a
+    // part: as good as exact, and the largest one, beyond which another
+    // multiple is closer.
+    if (imbalance > 0.5) continue;
     // Smaller is better.
-    const std::tuple<double, double> key(std::max(imbalance, kGoodImbalance),
-                                         -weight);
+    const std::tuple<double, double> key(std::max(imbalance, 0.1), -weight);
     if (best && key >= best_key) continue;
     best = Cut{i, num_parts_below};
     best_key = key;

@@ -42,8 +42,7 @@ class Admm {
   bool ChoosePenalty() {
     h_.noalias() = Ax_ - b_;
     // The proximal map for rho -> 0 is the nearest minimizer of f.
-    constexpr double kAlmostZero = 1e-100;
-    p_.prox(kAlmostZero, h_, &v_);
+    p_.prox(1e-100, h_, &v_);
     const double distance = (v_ - h_).norm();
     if (!(distance > RoundOff())) return false;
     if (s_.rho > 0.0) return true;

@@ -12,9 +12,6 @@ namespace {
 // A tile of the product fills 12 of the 16 AVX2 registers.
 constexpr int kTileRows = 8;
 constexpr int kTileColumns = 6;
-// Products with more columns reuse a tile often enough to amortise copying its
-// rows to contiguous memory.
-constexpr int kMaxColumnsUncopied = 2 * kTileColumns;
 
 #if defined(__GNUC__)
 struct Lanes4 {
@@ -136,7 +133,9 @@ MGSFM_ALWAYS_INLINE void SubtractProductBody(const PanelView& A, int m, int n,
   for (int i = 0; i < m; i += kTileRows) {
     const double* rows = A.values + i;
     int stride = A.stride;
-    if (m - i < kTileRows || n > kMaxColumnsUncopied) {
+    // Products with more columns reuse a tile often enough to amortise copying
+    // its rows to contiguous memory.
+    if (m - i < kTileRows || n > 2 * kTileColumns) {
       CopyEight(rows, A.stride, std::min(kTileRows, m - i), k, left);
       rows = left;
       stride = kTileRows;

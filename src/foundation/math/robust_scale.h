@@ -10,6 +10,9 @@
 
 namespace mgsfm {
 
+// Normal errors exceed this many standard deviations in 1 of 10,000 cases.
+inline constexpr double kRareErrorInSigmas = 3.9;
+
 // The median of |e| for a standard normal vector e of dimension 1, 2 or 3: the
 // value m at which the chi distribution with k degrees of freedom reaches 1/2,
 //

@@ -20,8 +20,6 @@ namespace {
 // Wide panels give efficient products; narrow panels reduce waiting between
 // threads. A multiple of both sides of a tile, 8 and 6 (panel_kernels.cc).
 constexpr int kPanelWidth = 96;
-// Upper bound on the share of the work in one subtree, for load balancing.
-constexpr double kLargestSubtree = 1.0 / 16.0;
 
 using ConstPanel = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
 
@@ -149,7 +147,8 @@ void SupernodalFactor::ChooseSubtrees() {
     }
   }
   Mask is_above(size, false);
-  while (!roots.empty() && roots.top().first > kLargestSubtree * all_work) {
+  // A subtree has at most this share of the work, for load balancing.
+  while (!roots.empty() && roots.top().first > all_work / 16.0) {
     const int s = -roots.top().second;
     roots.pop();
     is_above[s] = true;

@@ -88,13 +88,12 @@ constexpr double kMaxMagnification = 5.0;
 
 // Whether a ray projects to the pixel, and only there, as by a lens.
 bool HasRay(const Camera& camera, const Eigen::Vector2d& pixel) {
-  constexpr double kMaxErrorPx = 0.1;
   const double* params = camera.params.data();
   const auto ray = RayFromPixel(camera.model, params, pixel);
   if (!ray) return false;
   Eigen::Matrix<double, 2, 3> by_ray;
   const auto again = ProjectToPixel(camera.model, params, *ray, &by_ray);
-  if (!again || !((*again - pixel).norm() < kMaxErrorPx)) return false;
+  if (!again || !((*again - pixel).norm() < 0.1)) return false;
   const double of_pinhole =
       PixelsPerRadian(camera.model, params) / (ray->z() * ray->z());
   return by_ray.norm() <= kMaxMagnification * of_pinhole;
@@ -179,9 +178,8 @@ std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera) {
   if (const auto problem = WhyBadPrincipalPoint(camera)) {
     return {{*problem, true, false}};
   }
-  constexpr double kMaxShareWithoutRay = 0.5;
   const double share = HasDistortion(camera) ? ShareWithoutRay(camera) : 0.0;
-  if (share > kMaxShareWithoutRay) {
+  if (share > 0.5) {
     return {{DescribeWithoutRay(camera, share), true, false}};
   }
   for (const auto& problem :

@@ -11,9 +11,6 @@
 namespace mgsfm {
 namespace {
 
-// Beyond it, neighboring numbers in double precision are more than 0.1 apart.
-constexpr double kMaxCoordinate = 1e15;
-
 bool IsUnit(const Eigen::Quaterniond& rotation) {
   // Quaternions with four digits stay below it.
   constexpr double kTolerance = 1e-3;
@@ -25,7 +22,8 @@ bool IsUnit(const Eigen::Quaterniond& rotation) {
 std::optional<std::string> WhyImplausible(
     const Eigen::Ref<const Eigen::VectorXd>& coordinates) {
   if (!coordinates.allFinite()) return "is not finite";
-  if (!(coordinates.lpNorm<Eigen::Infinity>() <= kMaxCoordinate)) {
+  // Beyond it, adjacent numbers in double precision are more than 0.1 apart.
+  if (!(coordinates.lpNorm<Eigen::Infinity>() <= 1e15)) {
     return "has a coordinate beyond 1e15";
   }
   return std::nullopt;

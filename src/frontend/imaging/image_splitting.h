@@ -29,18 +29,18 @@ struct EnumTable<CombinedImages> {
 struct SplittingOptions {
   Option<double> field_of_view_deg{
       "field_of_view", 90.0, Between(90.0, 140.0), "deg",
-      "Field of view of each of the six views of a panorama; they overlap "
-      "beyond 90."};
+      "Set the field of view of each of the six views of a panorama; they "
+      "overlap beyond 90."};
   Option<int> max_image_size{
       "max_image_size", 1600, AtLeast(16), "px",
-      "Maximum width of the views of a panorama. Full resolution is the width "
-      "of the panorama divided by 3.14."};
+      "Limit the width of the views of a panorama. Full resolution is the "
+      "width of the panorama divided by 3.14."};
   Option<double> fisheye_field_of_view_deg{
       "fisheye_field_of_view", 190.0, Between(100.0, 240.0), "deg",
-      "Field of view of each lens of a dual fisheye. It gives the first guess "
-      "of the focal length."};
+      "State the field of view of each lens of a dual fisheye. It gives the "
+      "first guess of the focal length."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
-                           "Quality of JPEG images; 100 is best."};
+                           "Set the quality of JPEG images; 100 is best."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

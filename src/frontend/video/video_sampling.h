@@ -46,31 +46,34 @@ struct EnumTable<VideoImageFormat> {
 struct VideoSamplingOptions {
   Option<VideoSampling> sampling{
       "sampling", VideoSampling::kMotion,
-      "motion: sharp images whose content moved by min_motion since the last "
-      "one; none while the camera stands still. rate: images at a fixed rate."};
+      "Choose the images to sample. motion: sharp images whose content moved "
+      "by min_motion since the last one; none while the camera stands still. "
+      "rate: images at a fixed rate."};
   Option<double> min_motion{
       "min_motion", 0.04, Between(0.002, 0.2), "of the larger side",
-      "Motion of the image content from one sampled image to the next. "
+      "Set the motion of the image content from one sampled image to the next. "
       "Increase it for fewer images."};
-  Option<double> rate{"rate", 2.0, Between(0.001, 1000.0), "images/s",
-                      "Images per second if sampling is rate."};
+  Option<double> rate{
+      "rate", 2.0, Between(0.001, 1000.0), "images/s",
+      "Sample this many images per second if sampling is rate."};
   Option<VideoAlignment> alignment{
       "alignment", VideoAlignment::kTimestamps,
-      "timestamps: the time stamps of all videos have one clock, as if all "
-      "began at once. start: all first images are simultaneous. "
-      "creation_time: the metadata state when each video began."};
+      "Choose how the clocks of videos relate. timestamps: the time stamps of "
+      "all videos have one clock, as if all began at once. start: all first "
+      "images are simultaneous. creation_time: the metadata state when each "
+      "video began."};
   Option<std::string> time_offsets{
       "time_offsets", "",
-      "Seconds to add to the times of each video, separated by commas; one "
+      "Add these seconds to the times of the videos, separated by commas, one "
       "number per video."};
   Option<double> max_time_difference_s{
       "max_time_difference_s", 0.0, Between(0.0, 1e6), "s",
-      "Maximum time between images of one frame. 0: half of the time between "
-      "two images of a video."};
+      "Pair images of different videos that are at most this far apart. 0: "
+      "half of the time between two images of a video."};
   Option<VideoImageFormat> image_format{"image_format", VideoImageFormat::kJpg,
-                                        "Format of images: jpg or png."};
+                                        "Write images as jpg or png."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
-                           "Quality of JPEG images; 100 is best."};
+                           "Set the quality of JPEG images; 100 is best."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

@@ -42,16 +42,16 @@ std::vector<fs::path> EntriesOf(const fs::path& folder) {
   return entries;
 }
 
-// The target of a link: the link itself is not replaced.
-fs::path FileBehind(const fs::path& path) {
-  return fs::weakly_canonical(fs::absolute(path));
-}
+}  // namespace
 
 bool IsFolder(const fs::path& path) {
   return fs::symlink_status(path).type() == fs::file_type::directory;
 }
 
-}  // namespace
+fs::path CanonicalPath(const fs::path& path) {
+  const fs::path canonical = fs::weakly_canonical(fs::absolute(path));
+  return canonical.filename().empty() ? canonical.parent_path() : canonical;
+}
 
 void FileOperations::Rename(const fs::path& from, const fs::path& to) {
   if (rename(from.c_str(), to.c_str()) != 0) {
@@ -111,7 +111,7 @@ void ReplaceOneOfMany(const fs::path& path, const std::string& content) {
   if (fs::exists(earlier) && !fs::is_regular_file(earlier)) {
     return WriteFile(path, content);
   }
-  const fs::path target = FileBehind(path);
+  const fs::path target = CanonicalPath(path);  // a link is not replaced
   // The same name in every run, so that a killed one leaves no more than one.
   const fs::path draft = target.parent_path() /
                          ("." + target.filename().string() + ".mgsfm-draft");
@@ -129,7 +129,7 @@ void ReplaceOneOfMany(const fs::path& path, const std::string& content) {
 
 void ReplaceFile(const fs::path& path, const std::string& content) {
   ReplaceOneOfMany(path, content);
-  FileOperations().Sync(FileBehind(path).parent_path());
+  FileOperations().Sync(CanonicalPath(path).parent_path());
 }
 
 void RemoveTree(const fs::path& folder, FileOperations* operations) {

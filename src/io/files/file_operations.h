@@ -30,6 +30,12 @@ class FileOperations {
   virtual void Sync(const std::filesystem::path& path);
 };
 
+// Whether it is a folder, and not a link to one.
+bool IsFolder(const std::filesystem::path& path);
+
+// The absolute path, of the target if it is a link, without a final slash.
+std::filesystem::path CanonicalPath(const std::filesystem::path& path);
+
 // Writes a file. An earlier one stays as it is until the new one is complete,
 // unless it is no regular file, such as a pipe. Throws Error on failure.
 void ReplaceFile(const std::filesystem::path& path, const std::string& content);

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <system_error>
 
+#include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -63,6 +64,18 @@ FolderContents ListFolder(const fs::path& folder) {
   std::sort(contents.model_files.begin(), contents.model_files.end());
   std::sort(contents.others.begin(), contents.others.end());
   return contents;
+}
+
+bool IsReplacedByOutput(const fs::path& target, OutputKind kind,
+                        const fs::path& file) {
+  const fs::path folder = CanonicalPath(target);
+  const fs::path path = CanonicalPath(file);
+  const fs::path parent = path.parent_path();
+  if (path.filename() == kReportFileName) return parent == folder;
+  if (!IsModelFileName(path.filename())) return false;
+  return kind == OutputKind::kModel ? parent == folder
+                                    : parent.parent_path() == folder &&
+                                          IsModelFolderName(parent.filename());
 }
 
 }  // namespace mgsfm

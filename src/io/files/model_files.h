@@ -38,4 +38,13 @@ struct FolderContents {
 // A subfolder never is a model file. Throws Error if the folder cannot be read.
 FolderContents ListFolder(const std::filesystem::path& folder);
 
+enum class OutputKind {
+  kRun,    // holds models in folders "0", "1", ...
+  kModel,  // is a model
+};
+
+// Returns whether an output may replace or remove this file.
+bool IsReplacedByOutput(const std::filesystem::path& target, OutputKind kind,
+                        const std::filesystem::path& file);
+
 }  // namespace mgsfm

@@ -6,11 +6,11 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstring>
 #include <string>
 #include <system_error>
 
 #include "files/folder_lock.h"
-#include "files/model_files.h"
 #include "files/output_file.h"
 #include "mgsfm/base/error.h"
 
@@ -21,14 +21,9 @@ namespace fs = std::filesystem;
 
 constexpr char kSuffix[] = "XXXXXX";  // mkdtemp replaces it
 
-// Names of temporary folders are this prefix and a random suffix.
+// Temporary folders are named by this prefix and a random suffix.
 std::string StagingPrefix(const fs::path& target) {
   return "." + target.filename().string() + ".mgsfm-";
-}
-
-bool IsStagingName(const std::string& name, const std::string& prefix) {
-  return name.size() == prefix.size() + sizeof(kSuffix) - 1 &&
-         name.compare(0, prefix.size(), prefix) == 0;
 }
 
 bool IsOnDeviceOf(const fs::path& a, const fs::path& b) {
@@ -42,20 +37,11 @@ bool Exists(const fs::path& path) {
   return fs::exists(fs::symlink_status(path));
 }
 
-bool IsRealFolder(const fs::path& path) {
-  return fs::symlink_status(path).type() == fs::file_type::directory;
-}
-
 // A shell that is in the working folder would be in a removed one.
 bool CanMove(const fs::path& folder) {
   std::error_code ignored;
-  return IsRealFolder(folder) && IsOnDeviceOf(folder, folder.parent_path()) &&
+  return IsFolder(folder) && IsOnDeviceOf(folder, folder.parent_path()) &&
          !fs::equivalent(folder, fs::current_path(ignored), ignored);
-}
-
-fs::path Canonical(const fs::path& path) {
-  const fs::path canonical = fs::weakly_canonical(fs::absolute(path));
-  return canonical.filename().empty() ? canonical.parent_path() : canonical;
 }
 
 [[noreturn]] void ThrowNotReplaceable(const fs::path& path,
@@ -71,42 +57,26 @@ std::vector<std::string> NamesIn(const fs::path& folder) {
   return names;
 }
 
-// Makes links to entries of a folder in another one that lacks them.
-void LinkMissing(const fs::path& from, const fs::path& to,
-                 const std::vector<std::string>& names,
-                 FileOperations* operations) {
+enum class Way { kLink, kMove };
+
+// Gives entries of a folder to another one that lacks them.
+void AddMissing(const fs::path& from, const fs::path& to,
+                const std::vector<std::string>& names, Way way,
+                FileOperations* operations) {
   for (const std::string& name : names) {
-    if (IsRealFolder(from / name)) {
+    const bool is_missing = !Exists(to / name);
+    if (IsFolder(from / name) && (is_missing || IsFolder(to / name))) {
       operations->MakeFolder(to / name);
-      fs::permissions(to / name, fs::status(from / name).permissions());
-      LinkMissing(from / name, to / name, NamesIn(from / name), operations);
-    } else if (!Exists(to / name)) {
+      if (is_missing) {
+        fs::permissions(to / name, fs::status(from / name).permissions());
+      }
+      AddMissing(from / name, to / name, NamesIn(from / name), way, operations);
+    } else if (is_missing && way == Way::kLink) {
       operations->Link(from / name, to / name);
-    }
-  }
-}
-
-// Another program may have written into a folder before it was taken away.
-void MoveMissing(const fs::path& from, const fs::path& to,
-                 const std::vector<std::string>& names,
-                 FileOperations* operations) {
-  for (const std::string& name : names) {
-    if (!Exists(to / name)) {
+    } else if (is_missing) {
       operations->Rename(from / name, to / name);
-    } else if (IsRealFolder(from / name) && IsRealFolder(to / name)) {
-      MoveMissing(from / name, to / name, NamesIn(from / name), operations);
     }
   }
-}
-
-// Another program may have written into a folder before it was taken away.
-void MoveOthersBack(const fs::path& from, const fs::path& to,
-                    FileOperations* operations) {
-  if (!IsRealFolder(from)) return;
-  const std::vector<std::string> others = ListFolder(from).others;
-  if (others.empty()) return;
-  operations->MakeFolder(to);
-  MoveMissing(from, to, others, operations);
 }
 
 fs::path New(const fs::path& work) { return work / "new"; }
@@ -114,29 +84,88 @@ fs::path Old(const fs::path& work) { return work / "old"; }
 // The name of work/new when its entries have been exchanged.
 fs::path Replaced(const fs::path& work) { return work / "replaced"; }
 
-// Puts back what was taken away from `base` without a successor.
+// Puts back what was taken away from `base` without a successor, and files that
+// another program has written into a folder before it was taken away.
 void PutBack(const fs::path& work, const fs::path& base,
              FileOperations* operations) {
   for (const fs::path& folder : {Old(work), Replaced(work)}) {
-    if (!IsRealFolder(folder)) continue;
+    if (!IsFolder(folder)) continue;
     for (const std::string& name : NamesIn(folder)) {
-      if (folder == Old(work) && !Exists(base / name)) {
-        operations->Rename(folder / name, base / name);
-      } else {
-        MoveOthersBack(folder / name, base / name, operations);
+      const fs::path from = folder / name, to = base / name;
+      if (folder == Old(work) && !Exists(to)) {
+        operations->Rename(from, to);
+      } else if (IsFolder(from) && !ListFolder(from).others.empty()) {
+        operations->MakeFolder(to);
+        AddMissing(from, to, ListFolder(from).others, Way::kMove, operations);
       }
     }
   }
 }
 
-}  // namespace
+// What is left has no meaning, and the next run tries again.
+void RemoveWorkFolder(const fs::path& work, FileOperations* operations) {
+  try {
+    RemoveTree(work, operations);
+  } catch (const std::exception&) {
+  }
+}
 
-StagedOutput::StagedOutput(const fs::path& target, OutputKind kind)
-    : StagedOutput(target, kind, &default_operations_) {}
+void MakeFolders(const fs::path& folder, const fs::path& target) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (!error) return;
+  errno = error.value();
+  ThrowWriteError(target);
+}
+
+// Two renames would hide the other files in between.
+void CheckOthers(const fs::path& folder, const fs::path& work,
+                 FileOperations* operations) {
+  const std::vector<std::string> others = ListFolder(folder).others;
+  if (others.empty() || (operations->Exchange(New(work), Old(work)) &&
+                         operations->Exchange(New(work), Old(work)))) {
+    return;
+  }
+  ThrowNotReplaceable(folder / others.front(),
+                      "is in the folder of a model, which this file system "
+                      "cannot replace in one step");
+}
+
+// Throws Error unless a folder, or else a file, may take the place of `entry`.
+// Files that would be replaced must belong to a model: cameras.txt may be some
+// other list of cameras.
+void CheckReplaceable(const fs::path& entry, bool by_folder) {
+  if (fs::is_directory(entry) != by_folder) {
+    if (!by_folder) {
+      ThrowNotReplaceable(entry, "is a folder, and a file would replace it");
+    }
+    ThrowNotReplaceable(entry, "is a file, and a folder would replace it");
+  }
+  if (!by_folder) return;
+  if (!CanMove(entry)) {
+    ThrowNotReplaceable(entry,
+                        "is a link, a mount point or the working folder, and a "
+                        "model would replace it");
+  }
+  const FolderContents contents = ListFolder(entry);
+  for (const std::string& name : contents.others) {
+    if (IsModelFileName(name)) {
+      ThrowNotReplaceable(entry / name, "is a folder, not a file of a model");
+    }
+  }
+  if (contents.HoldsModel() || contents.model_files.empty()) return;
+  ThrowNotReplaceable(entry / contents.model_files.front(),
+                      "is not part of a model (there is no images.bin or "
+                      "images.txt), and the output might replace it");
+}
+
+}  // namespace
 
 StagedOutput::StagedOutput(const fs::path& target, OutputKind kind,
                            FileOperations* operations)
-    : operations_(operations), target_(Canonical(target)), kind_(kind) {
+    : operations_(operations != nullptr ? operations : &default_operations_),
+      target_(CanonicalPath(target)),
+      kind_(kind) {
   RemoveStale(target_.parent_path());
   const bool is_new = !fs::exists(target_);
   if (!is_new && !fs::is_directory(target_)) {
@@ -159,31 +188,26 @@ StagedOutput::StagedOutput(const fs::path& target, OutputKind kind,
 
 // Removes temporary folders whose owners were killed.
 void StagedOutput::RemoveStale(const fs::path& folder) const {
-  std::vector<fs::path> found;
   std::error_code error;  // an unreadable folder has no temporary folders
-  for (fs::directory_iterator it(folder, error), end; !error && it != end;
-       it.increment(error)) {
-    const std::string name = it->path().filename().string();
-    if (IsStagingName(name, StagingPrefix(target_)) && IsRealFolder(*it)) {
-      found.push_back(it->path());
+  const fs::directory_iterator entries(folder, error);
+  for (const fs::path& work : std::vector<fs::path>(entries, {})) {
+    const std::string name = work.filename().string();
+    const std::string prefix = StagingPrefix(target_);
+    if (name.size() != prefix.size() + std::strlen(kSuffix) ||
+        name.compare(0, prefix.size(), prefix) != 0 || !IsFolder(work)) {
+      continue;
     }
-  }
-  for (const fs::path& work : found) {
     const FolderLock lock(work);
     // A file system without locks does not show whether the owner is alive.
     if (lock.state() != FolderLock::State::kHeld) continue;
     const FolderLock folder_lock(folder, FolderLock::Wait::kYes);
     PutBack(work, folder, operations_);
-    try {
-      RemoveTree(work, operations_);
-    } catch (const std::exception&) {
-      // The rest has no meaning, and a later run tries again.
-    }
+    RemoveWorkFolder(work, operations_);
   }
 }
 
 void StagedOutput::MakeWorkFolder() {
-  MakeFolders(base_);
+  MakeFolders(base_, target_);
   do {
     std::string path = base_ / (StagingPrefix(target_) + kSuffix);
     if (mkdtemp(path.data()) == nullptr) ThrowWriteError(target_);
@@ -191,16 +215,8 @@ void StagedOutput::MakeWorkFolder() {
     lock_ = std::make_unique<FolderLock>(work_);
     // Another run may take the folder for a stale one until it is locked.
   } while (lock_->state() == FolderLock::State::kBusy);
-  MakeFolders(StagingDir());
-  MakeFolders(Old(work_));
-}
-
-void StagedOutput::MakeFolders(const fs::path& folder) const {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (!error) return;
-  errno = error.value();
-  ThrowWriteError(target_);
+  MakeFolders(StagingDir(), target_);
+  MakeFolders(Old(work_), target_);
 }
 
 fs::path StagedOutput::StagingDir() const {
@@ -209,67 +225,29 @@ fs::path StagedOutput::StagingDir() const {
 }
 
 void StagedOutput::CheckTarget() {
-  if (kind_ == OutputKind::kModel) return CheckReplaceable(target_);
+  const auto check_model = [&](const fs::path& folder) {
+    CheckReplaceable(folder, true);
+    if (ListFolder(folder).HoldsModel()) {
+      CheckOthers(folder, work_, operations_);
+    }
+  };
+  if (kind_ == OutputKind::kModel) return check_model(target_);
   for (const std::string& name : ListFolder(target_).others) {
-    const fs::path path = target_ / name;
-    if (name == kReportFileName && IsRealFolder(path)) {
-      ThrowNotReplaceable(path, "is a folder, and a report would replace it");
-    }
-    if (!IsModelFolderName(name)) continue;
-    if (!fs::is_directory(path)) {
-      ThrowNotReplaceable(path, "is a file, and a model would replace it");
-    }
-    CheckReplaceable(path);
+    if (name == kReportFileName) CheckReplaceable(target_ / name, false);
+    if (IsModelFolderName(name)) check_model(target_ / name);
   }
-}
-
-// Files that would be replaced must belong to a model: cameras.txt may be some
-// other list of cameras.
-void StagedOutput::CheckReplaceable(const fs::path& folder) {
-  if (!CanMove(folder)) {
-    ThrowNotReplaceable(folder,
-                        "is a link, a mount point or the working folder, and a "
-                        "model would replace it");
-  }
-  const FolderContents contents = ListFolder(folder);
-  for (const std::string& name : contents.others) {
-    if (IsModelFileName(name)) {
-      ThrowNotReplaceable(folder / name, "is a folder, not a file of a model");
-    }
-  }
-  if (contents.HoldsModel()) return CheckOthers(folder);
-  if (contents.model_files.empty()) return;
-  ThrowNotReplaceable(folder / contents.model_files.front(),
-                      "is not part of a model (there is no images.bin or "
-                      "images.txt), and the output might replace it");
-}
-
-// Two renames would hide the other files in between.
-void StagedOutput::CheckOthers(const fs::path& folder) {
-  const std::vector<std::string> others = ListFolder(folder).others;
-  if (others.empty()) return;
-  const bool can_exchange = operations_->Exchange(New(work_), Old(work_)) &&
-                            operations_->Exchange(New(work_), Old(work_));
-  if (can_exchange) return;
-  ThrowNotReplaceable(folder / others.front(),
-                      "is in the folder of a model, which this file system "
-                      "cannot replace in one step");
 }
 
 void StagedOutput::PrepareEntry(const std::string& name) {
   const fs::path staged = New(work_) / name, target = base_ / name;
   if (!Exists(target)) return;
-  if (!fs::is_directory(staged)) {
-    if (!IsRealFolder(target)) return;
-    ThrowNotReplaceable(target, "is a folder, and a file would replace it");
-  }
-  if (!fs::is_directory(target)) {
-    ThrowNotReplaceable(target, "is a file, and a folder would replace it");
-  }
-  CheckReplaceable(target);
-  CheckOthers(target);
+  const bool is_folder = fs::is_directory(staged);
+  CheckReplaceable(target, is_folder);
+  if (!is_folder) return;
+  CheckOthers(target, work_, operations_);
   fs::permissions(staged, fs::status(target).permissions());
-  LinkMissing(target, staged, ListFolder(target).others, operations_);
+  AddMissing(target, staged, ListFolder(target).others, Way::kLink,
+             operations_);
 }
 
 void StagedOutput::PrepareObsoleteModels() {
@@ -343,27 +321,11 @@ void StagedOutput::Commit() {
 StagedOutput::~StagedOutput() { RemoveFolders(); }
 
 void StagedOutput::RemoveFolders() const {
-  try {
-    if (is_tidy_ && !work_.empty()) RemoveTree(work_, operations_);
-  } catch (const std::exception&) {
-    // A destructor cannot report it; the next run removes the folder.
-  }
+  if (is_tidy_ && !work_.empty()) RemoveWorkFolder(work_, operations_);
   for (const fs::path& path : new_parents_) {
     std::error_code ignored;
     fs::remove(path, ignored);  // refused where it is not empty
   }
-}
-
-bool IsReplacedByOutput(const fs::path& target, OutputKind kind,
-                        const fs::path& file) {
-  const fs::path folder = Canonical(target);
-  const fs::path path = Canonical(file);
-  const fs::path parent = path.parent_path();
-  if (path.filename() == kReportFileName) return parent == folder;
-  if (!IsModelFileName(path.filename())) return false;
-  return kind == OutputKind::kModel ? parent == folder
-                                    : parent.parent_path() == folder &&
-                                          IsModelFolderName(parent.filename());
 }
 
 }  // namespace mgsfm

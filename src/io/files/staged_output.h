@@ -8,15 +8,11 @@
 #include <vector>
 
 #include "files/file_operations.h"
+#include "files/model_files.h"
 
 namespace mgsfm {
 
 class FolderLock;
-
-enum class OutputKind {
-  kRun,    // holds models in folders "0", "1", ...
-  kModel,  // is a model
-};
 
 // Output of which each model and each file appears as a whole or not at all.
 // Files are written into a hidden temporary folder; Commit() puts its entries
@@ -36,11 +32,10 @@ class StagedOutput {
   // - if the target is a file, or nothing can be written there,
   // - if the output would replace something that is not a model,
   // - if a folder to replace is a link, a mount point or the working folder.
+  // `operations` must outlive the object; by default, they are those of files.
   explicit StagedOutput(const std::filesystem::path& target,
-                        OutputKind kind = OutputKind::kRun);
-  // `operations` must outlive the object.
-  StagedOutput(const std::filesystem::path& target, OutputKind kind,
-               FileOperations* operations);
+                        OutputKind kind = OutputKind::kRun,
+                        FileOperations* operations = nullptr);
   // Removes the temporary folder.
   ~StagedOutput();
   StagedOutput(const StagedOutput&) = delete;
@@ -55,10 +50,7 @@ class StagedOutput {
  private:
   void RemoveStale(const std::filesystem::path& folder) const;
   void MakeWorkFolder();
-  void MakeFolders(const std::filesystem::path& folder) const;
   void CheckTarget();
-  void CheckReplaceable(const std::filesystem::path& folder);
-  void CheckOthers(const std::filesystem::path& folder);
   void PrepareEntry(const std::string& name);
   void PrepareObsoleteModels();
   void Move(const std::filesystem::path& from, const std::filesystem::path& to);
@@ -83,9 +75,5 @@ class StagedOutput {
   // Folders made above a new target, the lowest first.
   std::vector<std::filesystem::path> new_parents_;
 };
-
-// Returns whether an output may replace or remove this file.
-bool IsReplacedByOutput(const std::filesystem::path& target, OutputKind kind,
-                        const std::filesystem::path& file);
 
 }  // namespace mgsfm

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "input_check/focal_lengths.h"
+#include "math/robust_scale.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
@@ -13,10 +14,6 @@
 
 namespace mgsfm {
 namespace {
-
-// On a straight road, the adjustment moves a focal length anywhere, with a
-// large standard deviation. Normal errors exceed this in 1 of 10,000 cases.
-constexpr double kMinChangeInSigmas = 3.9;
 
 bool Concerns(const Scene& scene, const Finding& doubt, int camera_idx) {
   const std::vector<std::string> names = SensorsOfCamera(scene, camera_idx);
@@ -85,9 +82,11 @@ std::vector<Finding> ConfirmedFocalLengthDoubts(
           const double change =
               std::log(check.estimated_px /
                        FocalLengthOf(scene.cameras[check.camera_idx]));
+          // On a straight road, the adjustment moves a focal length anywhere,
+          // with a large standard deviation.
           return !check.relative_sigma ||
                  std::abs(change) <
-                     kMinChangeInSigmas * *check.relative_sigma ||
+                     kRareErrorInSigmas * *check.relative_sigma ||
                  !ContradictsFocalLength(doubt, change);
         });
   };

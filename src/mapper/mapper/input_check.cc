@@ -31,8 +31,6 @@ namespace {
 // the share. Half or twice as many change no verdict
 // (docs/results/constants.md).
 constexpr double kMinRegisteredShare = 0.9;
-// One or two images do not show whether a camera shares frames with others.
-constexpr int kMinNumImagesOfCamera = 3;
 // More wrong than right priors of two are wrong by chance; fewer priors than
 // this show no share.
 constexpr double kMaxOutlierShare = 1.0 / 3.0;
@@ -40,10 +38,6 @@ constexpr int kMinNumPriors = 6;
 // The relative standard deviation of the baselines of a known rig, as in the
 // priors of bundle adjustment.
 constexpr double kKnownRigSigma = 0.01;
-// Normal errors exceed it in 1 of 10,000 cases.
-constexpr double kMaxErrorInSigmas = 3.9;
-// Findings beyond these are in the report only.
-constexpr size_t kMaxNumLines = 5;
 // An estimated focal length this close to the initial one confirms it: two
 // standard deviations at the default of max_focal_length_sigma.
 constexpr double kMaxConfirmedChange = 0.02;
@@ -65,7 +59,8 @@ std::vector<Finding> CheckSharedFrames(const Scene& scene) {
   for (const Rig& rig : scene.rigs) {
     if (rig.sensor_idxs.size() > 1) return {};
     const int sensor_idx = rig.ref_sensor_idx;
-    if (num_images[sensor_idx] < kMinNumImagesOfCamera) continue;
+    // One or two images do not show whether a camera shares frames with others.
+    if (num_images[sensor_idx] < 3) continue;
     finding.cameras.push_back(scene.sensors[sensor_idx].name);
   }
   if (finding.cameras.size() < 2) return {};
@@ -192,10 +187,9 @@ std::vector<double> LogScales(const Scene& scene, const PositionPriors& priors,
 }
 
 std::string UnitRemedy(double scale) {
-  // The known rig and the positions are each right within some percent.
-  constexpr double kMaxRatio = 1.1;
   const auto is_near = [scale](double expected) {
-    return std::max(scale / expected, expected / scale) < kMaxRatio;
+    // The known rig and the positions are each right within some percent.
+    return std::max(scale / expected, expected / scale) < 1.1;
   };
   if (is_near(1e-3)) return "give the rig in meters, not in millimeters";
   if (is_near(1e3)) return "give the positions in meters, not in millimeters";
@@ -224,7 +218,7 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
     // counts, and that of the known rig.
     const double sigma =
         std::hypot(RobustSigma<1>(std::move(deviations)), kKnownRigSigma);
-    if (std::abs(center) <= kMaxErrorInSigmas * sigma) continue;
+    if (std::abs(center) <= kRareErrorInSigmas * sigma) continue;
     const std::string number = Formatted("%.3g", std::exp(center));
     return {{Cause::kPositionUnit,
              {},
@@ -417,7 +411,8 @@ void AddUncertainFocalLengths(const Scene& scene, MapperResult* result) {
 }
 
 void LogFindings(const MapperResult& result, const Context& context) {
-  const size_t num_lines = std::min(kMaxNumLines, result.findings.size());
+  // Further findings are in the report only.
+  const size_t num_lines = std::min(size_t{5}, result.findings.size());
   for (size_t i = 0; i < num_lines; ++i) {
     const Finding& finding = result.findings[i];
     context.Warning(finding.text + "; " + finding.remedy);

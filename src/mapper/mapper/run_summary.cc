@@ -15,9 +15,7 @@
 namespace mgsfm {
 namespace {
 
-// Reasons and models beyond these are in the report only.
-constexpr size_t kMaxNumReasons = 2;
-constexpr size_t kMaxNumModels = 3;
+// More lenses are in the report only.
 constexpr size_t kMaxNumLenses = 6;
 
 std::string Count(size_t count, const char* one, const char* many) {
@@ -273,13 +271,13 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
       "images: " + std::to_string(summary.num_registered_images) + " of " +
       std::to_string(summary.num_images) + " registered, in " +
       Count(summary.models.size(), "model", "models")};
-  for (size_t i = 0; i < summary.missing_frames.size() && i < kMaxNumReasons;
-       ++i) {
+  // Further reasons and models are in the report only.
+  for (size_t i = 0; i < summary.missing_frames.size() && i < 2; ++i) {
     const auto& [count, reason] = summary.missing_frames[i];
     lines.push_back("missing: " + Count(count, "frame", "frames") + ", " +
                     reason);
   }
-  for (size_t i = 0; i < summary.models.size() && i < kMaxNumModels; ++i) {
+  for (size_t i = 0; i < summary.models.size() && i < 3; ++i) {
     const ModelSummary& model = summary.models[i];
     std::string line =
         "model " + std::to_string(i) + ": " +

@@ -10,6 +10,7 @@
 
 #include "bundle_adjustment/problem_builder.h"
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "soft_rig/rig_delays.h"
 
@@ -17,16 +18,10 @@ namespace mgsfm {
 namespace {
 
 constexpr double kMaxChance = 1e-4;
-// Normal errors exceed it in 1 of 10,000 cases.
-constexpr double kMaxErrorInSigmas = 3.9;
 constexpr double kDegreesOfFreedom = 9.0;  // of ten blocks of frames
 // The relative standard deviation of a baseline that counts as exact: small
 // against those that keypoints determine.
 constexpr double kUnitSigma = 1e-4;
-// Standard deviations of the terms of a prior, in radians and baselines.
-// Smaller ones are beyond rounding errors, larger ones tell nothing.
-constexpr double kMinSigma = 1e-6;
-constexpr double kMaxSigma = 10.0;
 
 double LengthInSigmas(const RigSensor& sensor) {
   const Eigen::Vector3d& t = sensor.sensor_from_rig.translation;
@@ -60,7 +55,7 @@ EstimatedRig EstimateRig(const Scene& scene, const Reconstruction& model,
   EstimatedRig rig{RigSensors(scene.sensors.size()), std::nullopt};
   if (!covariances.is_usable) return rig;
   if (delays) AddRigErrors(scene, model, *delays, &covariances);
-  double most = kMaxErrorInSigmas;
+  double most = kRareErrorInSigmas;
   for (size_t i = 0; i < rig.sensors.size(); ++i) {
     const int idx = static_cast<int>(i);
     const auto& covariance = covariances.sensors[i];
@@ -69,7 +64,7 @@ EstimatedRig EstimateRig(const Scene& scene, const Reconstruction& model,
     }
     rig.sensors[i] = RigSensor{*model.sensor_from_rig[i], *covariance};
     const double length = LengthInSigmas(*rig.sensors[i]);
-    rig.sensors[i]->has_length = length > kMaxErrorInSigmas;
+    rig.sensors[i]->has_length = length > kRareErrorInSigmas;
     const bool is_allowed =
         !allowed || ((*allowed)[i] && (*allowed)[i]->has_length);
     if (!covariances.scale_is_fixed || !is_allowed || length <= most) continue;
@@ -92,10 +87,12 @@ SensorPosePrior ToPrior(const RigSensor& sensor) {
   SensorPosePrior prior{sensor.sensor_from_rig};
   for (int k = 0; k < size; ++k) {
     const double sigma = std::sqrt(std::max(eigen.eigenvalues()[k], 0.0));
-    if (sigma > kMaxSigma) continue;
+    // Larger standard deviations, in radians and baselines, tell nothing;
+    // smaller ones than 1e-6 are within rounding errors.
+    if (sigma > 10.0) continue;
     prior.sqrt_information.row(k).head(size) =
         eigen.eigenvectors().col(k).cwiseProduct(scale.head(size)) /
-        std::max(sigma, kMinSigma);
+        std::max(sigma, 1e-6);
   }
   return prior;
 }

@@ -21,9 +21,6 @@
 namespace mgsfm {
 namespace {
 
-// Differences of counts are significant beyond three standard deviations.
-constexpr double kNumSigmas = 3.0;
-
 // The test of one seam.
 struct SeamTest {
   const AdjustmentInput& input;
@@ -136,7 +133,8 @@ std::vector<double> ErrorsOf(const BothSides& sides,
 
 // Whether a count is larger than another one beyond the noise of both.
 bool IsSignificant(int count, int other) {
-  return count - other > kNumSigmas * std::sqrt(count + other);
+  // Differences of counts are significant beyond three standard deviations.
+  return count - other > 3.0 * std::sqrt(count + other);
 }
 
 // Whether `pose` explains significantly more matches than the model.

@@ -12,11 +12,11 @@ namespace mgsfm {
 struct PositionMeasurementOptions {
   Option<double> sigma_m{
       "prior_sigma", 0.0, AtLeast(0.0), "m",
-      "Standard deviation of each coordinate of the measured positions of "
-      "frames in the table pose_priors; 0 writes no positions."};
+      "Set the standard deviation of each coordinate of the measured positions "
+      "of frames in the table pose_priors. 0 writes no positions."};
   Option<double> outlier_ratio{
       "prior_outlier_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of measured positions with an error of 20 to 200 m."};
+      "Set the fraction of measured positions with an error of 20 to 200 m."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -33,11 +33,12 @@ PositionPriors MeasurePositions(const Simulation& simulation,
 struct GravityMeasurementOptions {
   Option<double> sigma_deg{
       "gravity_sigma", 0.0, AtLeast(0.0), "deg",
-      "Standard deviation, about each of two axes, of the measured directions "
-      "of gravity in gravity.txt, one image per frame; 0 writes no file."};
+      "Set the standard deviation, about each of two axes, of the measured "
+      "directions of gravity in gravity.txt, one image per frame. 0 writes no "
+      "file."};
   Option<double> outlier_ratio{
       "gravity_outlier_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of gravity measurements with a random direction."};
+      "Set the fraction of gravity measurements with a random direction."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

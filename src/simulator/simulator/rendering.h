@@ -15,14 +15,13 @@ namespace mgsfm {
 
 // See docs/reference/rendering.md.
 struct RenderingOptions {
-  Option<int> samples_per_axis{
-      "render_samples", 2, Between(1, 16),
-      "Number of rays along each side of a pixel. Increase it to reduce "
-      "aliasing."};
+  Option<int> samples_per_axis{"render_samples", 2, Between(1, 16),
+                               "Trace this many rays along each side of a "
+                               "pixel. Increase it to reduce aliasing."};
   Option<double> max_view_angle_deg{
       "render_max_view_angle", 92.0, Between(1.0, 180.0), "deg",
-      "Largest angle to the optical axis; pixels beyond it are black. The "
-      "default does not affect perspective images."};
+      "Render pixels up to this angle to the optical axis; pixels beyond it "
+      "are black. The default does not affect perspective images."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

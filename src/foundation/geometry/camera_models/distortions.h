@@ -35,7 +35,6 @@ std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
                                                 const Eigen::Vector2d& target,
                                                 double max_radius) {
   // Newton converges in a few steps; 50 halvings exhaust the double precision.
-  constexpr int kMaxIterations = 100;
   constexpr int kMaxHalvings = 50;
   const auto is_inside = [&](const Eigen::Vector2d& m) {
     return m.norm() < max_radius && Distortion::IsInjectiveTo(k, m.norm());
@@ -47,7 +46,7 @@ std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
 
   DistortionJacobians<Distortion::kNumParams> jacobians;
   Eigen::Vector2d error = Distortion::Distort(k, m, &jacobians) - target;
-  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+  for (int iteration = 0; iteration < 100; ++iteration) {
     if (error.norm() <= kInverseTolerance * unit) return m;
     Eigen::Vector2d step = jacobians.point.inverse() * error;
     const auto is_better = [&](const Eigen::Vector2d& next) {

@@ -38,7 +38,6 @@ struct RadialScale {
 // not positive within 1e-6 end of the interval.
 template <std::size_t N>
 bool IsPositiveOn(const std::array<double, N>& c, double end) {
-  constexpr double kMinWidth = 1e-6;
   if (!(c[0] > 0.0) || !std::isfinite(end)) return false;
   // On [a, b] with a >= 0, positive terms are bounded below by their values at
   // a and negative terms by their values at b.
@@ -59,7 +58,7 @@ bool IsPositiveOn(const std::array<double, N>& c, double end) {
       width *= 2.0;
     } else {
       width *= 0.5;
-      if (width < kMinWidth * end) return false;
+      if (width < 1e-6 * end) return false;
     }
   }
   return true;
@@ -70,14 +69,13 @@ bool IsPositiveOn(const std::array<double, N>& c, double end) {
 template <class Profile>
 std::optional<double> InvertProfile(const double* k, double target,
                                     double max_radius) {
-  // Newton converges in a few steps; 53 halvings exhaust the double precision.
-  constexpr int kMaxIterations = 100;
   const double unit = std::max(1.0, target);
   double low = 0.0;
   double high = max_radius;
   double r = target < max_radius ? target : 0.5 * max_radius;
   bool is_solution = false;
-  for (int i = 0; i < kMaxIterations; ++i) {
+  // Newton converges in a few steps; 53 halvings exhaust the double precision.
+  for (int i = 0; i < 100; ++i) {
     const double s = r * r;
     const auto scale = Profile::Evaluate(k, s);
     const double error = r * scale.value - target;
@@ -159,11 +157,10 @@ inline void AtanRatio(double y, double* value, double* slope) {
     *slope = (1.0 / (1.0 + y) - *value) / (2.0 * y);
     return;
   }
-  // The terms that are left out are below 10 y^9 / 21 = 5e-19.
-  constexpr int kNumTerms = 9;
   *value = 0.0;
   *slope = 0.0;
-  for (int i = kNumTerms; i > 0; --i) {
+  // The terms that are left out are below 10 y^9 / 21 = 5e-19.
+  for (int i = 9; i > 0; --i) {
     const double coefficient = (i % 2 == 0 ? 1.0 : -1.0) / (2 * i + 1);
     *slope = *slope * y + i * coefficient;
     *value = (*value + coefficient) * y;
