@@ -2,6 +2,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
@@ -140,6 +141,16 @@ std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
     const BundlePriors& priors) {
+  auto sigmas = ComputeAllIntrinsicSigmas(scene, reconstruction, options,
+                                          context, priors);
+  if (!sigmas) return std::nullopt;
+  return std::move(sigmas->of_residuals);
+}
+
+std::optional<IntrinsicSigmas> ComputeAllIntrinsicSigmas(
+    const Scene& scene, const Reconstruction& reconstruction,
+    const BundleAdjustmentOptions& options, const Context& context,
+    const BundlePriors& priors) {
   const double sigma_px =
       std::max(kMinKeypointSigmaPx,
                NoiseSigmaPx(scene, reconstruction, context.num_threads));
@@ -148,20 +159,30 @@ std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
   const auto variances =
       ComputeParameterVariances(built.problem, built.state, context);
   if (!variances) return std::nullopt;
-  const std::vector<double> factors = OverdispersionOfCameras(
+  const std::vector<Overdispersion> factors = OverdispersionOfCameras(
       scene, reconstruction, LossScalePx(options, sigma_px));
-  std::vector<std::vector<double>> sigmas(scene.cameras.size());
+  IntrinsicSigmas sigmas;
+  sigmas.of_residuals.resize(scene.cameras.size());
+  for (size_t i = 0; i < built.camera_idxs.size(); ++i) {
+    sigmas.of_residuals[built.camera_idxs[i]].resize(
+        scene.cameras[built.camera_idxs[i]].params.size(), 0.0);
+  }
+  sigmas.total = sigmas.of_residuals;
   for (size_t i = 0; i < built.camera_idxs.size(); ++i) {
     const int camera_idx = built.camera_idxs[i];
-    sigmas[camera_idx].resize(scene.cameras[camera_idx].params.size(), 0.0);
+    const Overdispersion& factor = factors[camera_idx];
     const std::vector<int>& free = built.problem.cameras[i].free_params;
     for (size_t k = 0; k < (*variances)[i].size(); ++k) {
       const double variance = (*variances)[i][k];
       if (!(variance > 0.0)) continue;
-      sigmas[camera_idx][free[k]] =
-          sigma_px *
-          std::sqrt(WithDependence(built.problem, static_cast<int>(i), free[k],
-                                   variance, factors[camera_idx]));
+      const auto sigma = [&](double of_residuals) {
+        return sigma_px *
+               std::sqrt(WithDependence(built.problem, static_cast<int>(i),
+                                        free[k], variance, of_residuals));
+      };
+      sigmas.of_residuals[camera_idx][free[k]] = sigma(factor.of_residuals);
+      sigmas.total[camera_idx][free[k]] =
+          sigma(factor.of_residuals + factor.of_lens);
     }
   }
   return sigmas;

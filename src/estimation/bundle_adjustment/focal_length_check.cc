@@ -4,6 +4,7 @@
 
 #include "base/format.h"
 #include "bundle_adjustment/problem_builder.h"
+#include "bundle_adjustment/residual_field.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
@@ -80,6 +81,15 @@ std::string DescribeImplausible(const Camera& initial, const Camera& camera,
   return "";
 }
 
+// The largest of both focal lengths.
+double RelativeSigma(const Camera& camera, const std::vector<double>& sigmas) {
+  double sigma = 0.0;
+  for (const int i : InfoOf(camera).focal_length_idxs) {
+    sigma = std::max(sigma, sigmas[i] / camera.params[i]);
+  }
+  return sigma;
+}
+
 std::string DescribeUncertain(double sigma, double rotation_deg,
                               const BundleAdjustmentOptions& options) {
   if (!(sigma > options.max_focal_length_sigma)) return "";
@@ -120,11 +130,7 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
     const Camera& camera = model.cameras[check.camera_idx];
     std::string problem = DescribeImplausible(initial, camera, options);
     if (sigmas && !(*sigmas)[check.camera_idx].empty()) {
-      double sigma = 0.0;
-      for (const int i : InfoOf(camera).focal_length_idxs) {
-        sigma =
-            std::max(sigma, (*sigmas)[check.camera_idx][i] / camera.params[i]);
-      }
+      const double sigma = RelativeSigma(camera, (*sigmas)[check.camera_idx]);
       check.relative_sigma = sigma;
       if (problem.empty()) {
         problem = DescribeUncertain(sigma, rotation_deg, options);
@@ -138,6 +144,22 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
                     Pixels(check.estimated_px) + ": " + problem;
   }
   return checks;
+}
+
+void AddLensErrors(const Scene& scene, const Reconstruction& model,
+                   const BundleAdjustmentOptions& options,
+                   const Context& context, const BundlePriors& priors,
+                   std::vector<FocalLengthCheck>* checks) {
+  if (checks->empty()) return;
+  const auto sigmas =
+      ComputeAllIntrinsicSigmas(scene, model, options, context, priors);
+  if (!sigmas) return;
+  for (FocalLengthCheck& check : *checks) {
+    const std::vector<double>& total = sigmas->total[check.camera_idx];
+    if (total.empty()) continue;
+    check.relative_sigma =
+        RelativeSigma(model.cameras[check.camera_idx], total);
+  }
 }
 
 }  // namespace mgsfm

@@ -4,17 +4,25 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "bundle_adjustment/image_views.h"
+#include "bundle_adjustment/point_filters.h"
 
 namespace mgsfm {
 namespace {
 
 constexpr int kNumCells = 4;  // along the larger image side
+// The errors of a lens, in larger image sides: with it, focal lengths of
+// recorded rigs are off by their standard deviation in the root mean square
+// (docs/results/constants.md).
+constexpr double kLensError = 4e-4;
 
 struct ResidualField {
   std::array<Eigen::Vector2d, kNumCells * kNumCells> sums;
+  std::array<double, kNumCells* kNumCells> weights = {};
   double squares = 0.0;
+  double squares_of_exact = 0.0;  // a lower bound for exact (simulated) data
 
   ResidualField() { sums.fill(Eigen::Vector2d::Zero()); }
 };
@@ -30,9 +38,9 @@ size_t CellOf(const Camera& camera, const Eigen::Vector2d& pixel) {
 
 }  // namespace
 
-std::vector<double> OverdispersionOfCameras(const Scene& scene,
-                                            const Reconstruction& model,
-                                            double loss_scale_px) {
+std::vector<Overdispersion> OverdispersionOfCameras(const Scene& scene,
+                                                    const Reconstruction& model,
+                                                    double loss_scale_px) {
   const std::vector<ImageView> views = MakeImageViews(scene, model);
   std::vector<ResidualField> fields(scene.cameras.size());
   for (const Point3D& point : model.points) {
@@ -48,19 +56,29 @@ std::vector<double> OverdispersionOfCameras(const Scene& scene,
       const double weight = 1.0 / (1.0 + residual.squaredNorm() /
                                              (loss_scale_px * loss_scale_px));
       ResidualField& field = fields[image.camera_idx];
-      field.sums[CellOf(scene.cameras[image.camera_idx], pixel)] +=
-          weight * residual;
+      const size_t cell = CellOf(scene.cameras[image.camera_idx], pixel);
+      field.sums[cell] += weight * residual;
+      field.weights[cell] += weight;
       field.squares += weight * weight * residual.squaredNorm();
+      field.squares_of_exact +=
+          2.0 * std::pow(weight * kMinKeypointSigmaPx, 2.0);
     }
   }
-  std::vector<double> factors;
-  for (const ResidualField& field : fields) {
-    double sum = 0.0;
-    for (const Eigen::Vector2d& of_cell : field.sums) {
-      sum += of_cell.squaredNorm();
+  std::vector<Overdispersion> factors(fields.size());
+  for (size_t i = 0; i < fields.size(); ++i) {
+    const ResidualField& field = fields[i];
+    if (!(field.squares_of_exact > 0.0)) continue;
+    double sum = 0.0, square_of_weights = 0.0;
+    for (size_t cell = 0; cell < field.sums.size(); ++cell) {
+      sum += field.sums[cell].squaredNorm();
+      square_of_weights += field.weights[cell] * field.weights[cell];
     }
-    factors.push_back(field.squares > 0.0 ? std::max(1.0, sum / field.squares)
-                                          : 1.0);
+    const double squares = std::max(field.squares, field.squares_of_exact);
+    const Camera& camera = scene.cameras[i];
+    const double error_px =
+        kLensError * std::max(camera.width_px, camera.height_px);
+    factors[i] = {std::max(1.0, sum / squares),
+                  error_px * error_px * square_of_weights / squares};
   }
   return factors;
 }

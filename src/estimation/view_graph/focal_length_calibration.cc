@@ -285,7 +285,7 @@ ReducedEquations Reduce(const std::vector<FocalPair>& pairs,
   reduced.of_pair.resize(pairs.size());
   ParallelFor(pairs.size(), num_threads, [&](size_t k) {
     FocalEquations& e = reduced.of_pair[k];
-    e = pairs[k].Linearize(/*with_lenses=*/true);
+    e = pairs[k].Linearize();
     e.hessian.diagonal().head<5>() *= 1.0 + kPoseDamping;
     e.hessian.diagonal().head<5>().array() += kPoseDamping;
   });

@@ -212,7 +212,8 @@ bool FocalPair::Initialize(Random* random) {
   return pose.has_value();
 }
 
-Eigen::Matrix<double, Eigen::Dynamic, 5> FocalPair::PoseDerivatives() const {
+Eigen::Matrix<double, Eigen::Dynamic, 5> FocalPair::PoseDerivatives(
+    std::vector<double>* residuals) const {
   const Matrix3d E = EssentialFromPose(pose_);
   std::array<Matrix3d, 5> by_pose;
   for (int k = 0; k < 5; ++k) {
@@ -224,6 +225,7 @@ Eigen::Matrix<double, Eigen::Dynamic, 5> FocalPair::PoseDerivatives() const {
   J.setZero(static_cast<Eigen::Index>(patches1_.size()), 5);
   for (Eigen::Index i = 0; i < J.rows(); ++i) {
     const PixelDistance r(E, patches1_[i], patches2_[i]);
+    residuals->push_back(r.value);
     if (r.variance == 0.0) continue;
     const Matrix3d by_E = ByEssential(r, *patches1_[i], *patches2_[i]);
     for (int k = 0; k < 5; ++k) J(i, k) = by_E.cwiseProduct(by_pose[k]).sum();
@@ -231,9 +233,9 @@ Eigen::Matrix<double, Eigen::Dynamic, 5> FocalPair::PoseDerivatives() const {
   return J;
 }
 
-FocalEquations FocalPair::Linearize(bool with_lenses) const {
+FocalEquations FocalPair::Linearize() const {
   std::vector<double> r0;
-  AddResiduals(pose_, patches1_, patches2_, &r0);
+  const Eigen::Matrix<double, Eigen::Dynamic, 5> by_pose = PoseDerivatives(&r0);
   const auto size = static_cast<Eigen::Index>(r0.size());
   Eigen::Matrix<double, Eigen::Dynamic, 13> J(size, 13);
   J.setZero();
@@ -245,8 +247,8 @@ FocalEquations FocalPair::Linearize(bool with_lenses) const {
                      Eigen::VectorXd::Map(r0.data(), size)) /
                     kLensStep;
   };
-  J.leftCols<5>() = PoseDerivatives();
-  for (int k = 0; with_lenses && k < LensOffset::SizeAtCompileTime; ++k) {
+  J.leftCols<5>() = by_pose;
+  for (int k = 0; k < LensOffset::SizeAtCompileTime; ++k) {
     const LensOffset step = kLensStep * LensOffset::Unit(k);
     const double factor = std::exp(step[0]);
     const Patches moved1 = MoveRays(WithLens(camera1(), lens1_ + step),
@@ -276,13 +278,20 @@ void FocalPair::MovePose(const Eigen::Matrix<double, 5, 1>& step) {
 double FocalPair::RefinePose(int num_iterations) {
   double cost = Cost();
   for (int i = 0; i < num_iterations; ++i) {
-    const FocalEquations equations = Linearize(false);
-    Eigen::Matrix<double, 5, 5> H = equations.hessian.topLeftCorner<5, 5>();
+    std::vector<double> r;
+    const Eigen::Matrix<double, Eigen::Dynamic, 5> J = PoseDerivatives(&r);
+    Eigen::Matrix<double, 5, 5> H = Eigen::Matrix<double, 5, 5>::Zero();
+    Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
+    for (Eigen::Index k = 0; k < J.rows(); ++k) {
+      const double weight = kLoss.Weight(r[k] * r[k]);
+      H += weight * J.row(k).transpose() * J.row(k);
+      gradient += weight * r[k] * J.row(k).transpose();
+    }
     // Damping only acts on directions that no match determines.
     H.diagonal() *= 1.0 + 1e-6;
     H.diagonal().array() += 1e-9;
     const Rigid3 before = pose_;
-    MovePose(-H.ldlt().solve(equations.gradient.head<5>()));
+    MovePose(-H.ldlt().solve(gradient));
     const double new_cost = Cost();
     if (!(new_cost < cost)) {
       pose_ = before;

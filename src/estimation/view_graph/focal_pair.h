@@ -61,8 +61,7 @@ class FocalPair {
   // Gauss-Newton in the pose alone, up to a relative decrease of the cost of
   // 1e-4. Returns the final cost.
   double RefinePose(int num_iterations);
-  // Rows and columns of lenses are zero without with_lenses.
-  FocalEquations Linearize(bool with_lenses) const;
+  FocalEquations Linearize() const;
   void MovePose(const Eigen::Matrix<double, 5, 1>& step);
   double Cost() const;
   // Absolute residuals, in pixels.
@@ -83,8 +82,9 @@ class FocalPair {
                           double focal_factor, Patches patches);
   const Camera& camera1() const { return (*cameras_)[camera_idx1_]; }
   const Camera& camera2() const { return (*cameras_)[camera_idx2_]; }
-  // Of the residuals of all matches by the pose.
-  Eigen::Matrix<double, Eigen::Dynamic, 5> PoseDerivatives() const;
+  // The derivatives of the residuals of all matches by the pose.
+  Eigen::Matrix<double, Eigen::Dynamic, 5> PoseDerivatives(
+      std::vector<double>* residuals) const;
   static void AddResiduals(const Rigid3& pose, const Patches& patches1,
                            const Patches& patches2,
                            std::vector<double>* residuals);

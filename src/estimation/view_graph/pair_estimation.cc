@@ -20,6 +20,9 @@ namespace {
 // that is off by the maximum error at a match, both errors add up. Half and
 // twice the value increase errors by 4 and 2 % (docs/results/constants.md).
 constexpr double kRelaxation = 2.0;
+// Fundamental matrices fit the pixels of distorting lenses, so that their poses
+// are off by more than the maximum error: by 12 px at a default of 4 px.
+constexpr double kRelaxationOfDistortion = 3.0;
 // Scales of the loss relative to the maximum error: initially
 // (docs/results/constants.md compares half and twice the value), and the lower
 // bound for exact (simulated) matches.
@@ -31,6 +34,23 @@ constexpr double kMaxMedianRatio = 2.5;
 
 bool IsSet(const std::optional<Eigen::Matrix3d>& matrix) {
   return matrix && matrix->allFinite() && matrix->norm() > 0.0;
+}
+
+// The pinhole camera at the center of a lens.
+Eigen::Matrix3d CentralMatrix(const Camera& camera) {
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
+  for (int k = 0; k < 2; ++k) {
+    const std::vector<int>& focal = info.focal_length_idxs;
+    if (!focal.empty()) {
+      K(k, k) = camera.params[k == 0 ? focal.front() : focal.back()];
+    }
+    if (info.principal_point_idxs.size() == 2) {
+      K(k, 2) = camera.params[info.principal_point_idxs[k]];
+    }
+  }
+  return K;
 }
 
 Rigid3 ToRigid3(const RelativePose& pose) {
@@ -148,13 +168,43 @@ class PairEstimator {
     }
   }
 
+  // Estimated lenses change, so that pairs have no pose of their own. The
+  // fundamental matrix is a start that spares most of them the samples.
+  void TryDistorted() {
+    const bool is_estimated =
+        !camera1_.has_prior_focal_length || !camera2_.has_prior_focal_length;
+    if (!is_estimated || pair_.relative_pose || !IsSet(pair_.F)) return;
+    const double max_error = kRelaxationOfDistortion * max_error_;
+    std::optional<Rigid3> best;
+    double least = std::numeric_limits<double>::infinity();
+    for (const Rigid3& pose :
+         DecomposeEssential(CentralMatrix(camera2_).transpose() * *pair_.F *
+                            CentralMatrix(camera1_))) {
+      const double cost =
+          ScoreRelativePose(matched_.rays, pose, max_error).cost;
+      if (cost >= least) continue;
+      least = cost;
+      best = pose;
+    }
+    if (!best) return;
+    PoseRefinementOptions refinement;
+    refinement.max_num_iterations = kMaxNumRefinementIterations;
+    refinement.loss_scale_rad = kInitialLossScale * max_error;
+    refinement.relative_cost_tolerance = kCoarseCostTolerance;
+    RefineRelativePose(matched_.rays, refinement, &*best);
+    Try(ToRelativePose(*best), PairOutcome::kDecomposed);
+  }
+
   // Scores all poses that follow from the geometry in the view graph.
   void TryViewGraphPoses() {
     if (pair_.relative_pose) Try(*pair_.relative_pose, PairOutcome::kFromRow);
     if (IsSet(pair_.E)) TryEssential(*pair_.E);
     const auto K1 = CalibrationMatrix(camera1_);
     const auto K2 = CalibrationMatrix(camera2_);
-    if (!K1 || !K2) return;
+    if (!K1 || !K2) {
+      TryDistorted();
+      return;
+    }
     if (IsSet(pair_.F)) TryEssential(K2->transpose() * *pair_.F * *K1);
     if (IsSet(pair_.H)) {
       // A homography is a rotation if its singular values differ by at most

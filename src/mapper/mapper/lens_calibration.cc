@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <map>
 #include <optional>
 #include <string>
 #include <utility>
 
 #include "base/format.h"
+#include "bundle_adjustment/residual_field.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -30,10 +30,6 @@ constexpr double kPerspectiveSigmas[] = {0.3, 0.15, 2e-3, 2e-3};
 constexpr double kFisheyeSigmas[] = {0.1, 0.05, 0.02, 0.01};
 // Normal errors exceed this number of standard deviations in 1 of 10,000 cases.
 constexpr double kMaxErrorOfStart = 3.9;
-// Errors of the lens model, of time and of matches shift the focal lengths of
-// an adjusted model by this much: the root mean square of recorded rigs whose
-// motion determines them.
-constexpr double kModelSigma = 0.007;
 // The change that a view graph tolerates, in its maximum errors. On recorded
 // rigs, the next round changes a lens by 3 to 15 % of that: less than the
 // maximum error of a match.
@@ -225,16 +221,16 @@ bool IsPlausible(const Camera& camera, const BundleAdjustmentOptions& options) {
   return true;
 }
 
-// Adopts the plausible lenses of a model. Returns the largest change of those
-// whose focal length has at most this relative standard deviation.
+// Adopts the plausible lenses of a model. Returns the largest change, of all or
+// of those that the model determines.
 double Adopt(const MapperModel& model, const BundleAdjustmentOptions& options,
-             double max_sigma, std::vector<Camera>* cameras) {
+             bool of_determined, std::vector<Camera>* cameras) {
   double largest_px = 0.0;
   for (const FocalLengthCheck& check : model.focal_lengths) {
     Camera& camera = (*cameras)[check.camera_idx];
     const Camera& refined = model.reconstruction.cameras[check.camera_idx];
     if (!IsPlausible(refined, options)) continue;
-    if (check.relative_sigma.value_or(max_sigma) <= max_sigma) {
+    if (!of_determined || check.message.empty()) {
       largest_px = std::max(largest_px, LensChangePx(camera, refined));
     }
     camera.params = refined.params;
@@ -276,15 +272,15 @@ void SelectModels(const LensInput& input, const Reconstruction& model,
   Lenses& lenses = result->lenses;
   BundlePriors priors;
   priors.calibration = lenses.prior;
-  const auto sigmas = ComputeIntrinsicSigmas(
+  const auto sigmas = ComputeAllIntrinsicSigmas(
       input.scene, model, options.bundle_adjustment, context, priors);
   if (!sigmas) return;
   for (LensChoice& lens : result->summary.lenses) {
     const int i = lens.camera_idx;
-    if (!MaySelectModel(input.given[i], options) || (*sigmas)[i].empty())
+    if (!MaySelectModel(input.given[i], options) || sigmas->total[i].empty())
       continue;
     const double k2 = model.cameras[i].params.back();
-    const double sigma = (*sigmas)[i].back();
+    const double sigma = sigmas->total[i].back();
     lens.reason =
         Formatted("its second radial parameter is %.2g +- %.1g", k2, sigma);
     if (LogEvidence(k2, sigma, lenses.prior.intrinsic_sigmas[i].back()) > 0.0)
@@ -349,12 +345,9 @@ void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
   }
 }
 
-void AddModelErrors(const Scene& scene, MapperModel* model) {
+void StateInitialFocalLengths(const Scene& scene, MapperModel* model) {
   for (FocalLengthCheck& check : model->focal_lengths) {
     check.prior_px = FirstFocalLength(scene.cameras[check.camera_idx]);
-    if (check.relative_sigma) {
-      check.relative_sigma = std::hypot(*check.relative_sigma, kModelSigma);
-    }
   }
 }
 
@@ -411,7 +404,7 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
     model = mapped.models[0].reconstruction;
     const double change_px =
         Adopt(mapped.models[0], options.bundle_adjustment,
-              std::numeric_limits<double>::infinity(), &result.lenses.cameras);
+              /*of_determined=*/false, &result.lenses.cameras);
     ++summary.num_rounds;
     LogRound(summary, std::min(num_frames, scene.frames.size()), change_px,
              context);
@@ -438,9 +431,8 @@ MapperResult MapWithLenses(const ViewGraph& matches, const LensMapper& map,
   MapperResult mapped = map(lenses->lenses, matches, options, context);
   std::vector<Camera> cameras = lenses->lenses.cameras;
   if (mapped.models.empty()) return mapped;
-  const double change_px =
-      Adopt(mapped.models[0], options.bundle_adjustment,
-            options.bundle_adjustment.max_focal_length_sigma, &cameras);
+  const double change_px = Adopt(mapped.models[0], options.bundle_adjustment,
+                                 /*of_determined=*/true, &cameras);
   if (change_px <= kMaxChange * options.view_graph.max_error_px) return mapped;
   lenses->lenses.cameras = std::move(cameras);
   ++lenses->summary.num_rounds;

@@ -68,10 +68,10 @@ struct LensResult {
 // Unless its model was chosen, a camera has RADIAL, and its principal point is
 // unknown. All unknowns have normal priors, so that those that the images do
 // not determine stay near the values of usual lenses. It has SIMPLE_RADIAL at
-// last if that has the higher evidence (marginal likelihood), in which
-// residuals count less the more of them depend on each other. OPENCV is never
-// selected: on recorded rigs, its decentering and second focal length fit
-// delays and rolling shutters, and are certain and wrong.
+// last if that has the higher evidence (marginal likelihood), which contains
+// errors of the lens model. OPENCV is never selected: on recorded rigs, its
+// decentering and second focal length fit delays and rolling shutters, and are
+// certain and wrong.
 [[nodiscard]] LensResult CalibrateLenses(const LensInput& input,
                                          const LensMapper& map,
                                          const MapperOptions& options,
@@ -88,9 +88,8 @@ struct LensResult {
 void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
                      const Context& context);
 
-// Adds what errors of the lens model that leave no residuals do to focal
-// lengths. `scene` has the initial ones.
-void AddModelErrors(const Scene& scene, MapperModel* model);
+// `scene` has them.
+void StateInitialFocalLengths(const Scene& scene, MapperModel* model);
 
 // The root mean square in pixels of the displacement of rays by the change of a
 // lens, over a grid in the image and without its mean, which is a rotation.

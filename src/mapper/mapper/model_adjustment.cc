@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/format.h"
+#include "bundle_adjustment/residual_field.h"
 #include "georegistration/gravity_leveling.h"
 #include "georegistration/pose_graph_deformation.h"
 #include "georegistration/position_registration.h"
@@ -89,6 +90,9 @@ void JudgeFocalLengths(const AdjustmentInput& input,
   model->focal_lengths =
       CheckFocalLengths(input.scene, model->reconstruction,
                         options.bundle_adjustment, context, used_priors);
+  if (options.is_for_lenses) return;
+  AddLensErrors(input.scene, model->reconstruction, options.bundle_adjustment,
+                context, used_priors, &model->focal_lengths);
 }
 
 // Scales the model by the known distance of two sensors, unless its unit of

@@ -41,7 +41,7 @@ MapperResult MapWithUnknownLenses(const MapperInput& input,
   MapperResult result =
       MapWithLenses(uncalibrated, map, options, context, &lenses);
   for (MapperModel& model : result.models) {
-    AddModelErrors(input.scene, &model);
+    StateInitialFocalLengths(input.scene, &model);
   }
   result.focal_lengths = std::move(focal_lengths.estimates);
   if (!lenses.summary.lenses.empty()) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <utility>
 
 #include "bundle_adjustment/residual_field.h"
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
@@ -65,13 +66,13 @@ TEST(FocalLengthCheckTest, SigmasContainErrorsOfTheLens) {
   const BundleAdjustmentOptions options;
   Simulation simulation =
       WithoutPriors(RigPreset::kStereo, PathPreset::kLoop, 1.0, 400);
-  const auto check = [&](std::vector<double>* factors) {
+  const auto check = [&](std::vector<Overdispersion>* factors) {
     const Reconstruction model = Adjusted(simulation, options);
     *factors =
         OverdispersionOfCameras(simulation.scene, model, options.loss_scale_px);
     return CheckFocalLengths(simulation.scene, model, options, Threads(2));
   };
-  std::vector<double> independent, dependent;
+  std::vector<Overdispersion> independent, dependent;
   const auto before = check(&independent);
   for (Image& image : simulation.scene.images) {
     const double side_px = simulation.scene.cameras[image.camera_idx].width_px;
@@ -83,14 +84,34 @@ TEST(FocalLengthCheckTest, SigmasContainErrorsOfTheLens) {
   const auto after = check(&dependent);
   ASSERT_EQ(before.size(), after.size());
   for (size_t i = 0; i < before.size(); ++i) {
-    EXPECT_GE(independent[i], 1.0);
-    EXPECT_LT(independent[i], 2.0);
-    EXPECT_GT(dependent[i], 10.0);
+    EXPECT_GE(independent[i].of_residuals, 1.0);
+    EXPECT_LT(independent[i].of_residuals, 2.0);
+    EXPECT_GT(dependent[i].of_residuals, 10.0);
     EXPECT_GT(*after[i].relative_sigma, 3.0 * *before[i].relative_sigma);
     // Within three standard deviations of the truth.
     EXPECT_LT(std::abs(after[i].estimated_px / after[i].prior_px - 1.0),
               3.0 * *after[i].relative_sigma);
   }
+}
+
+// More observations average out noise, but not what the lens model lacks.
+TEST(FocalLengthCheckTest, ErrorsOfTheLensDoNotAverageOut) {
+  const BundleAdjustmentOptions options;
+  const auto sigmas = [&](int num_points) {
+    const Simulation simulation =
+        WithoutPriors(RigPreset::kStereo, PathPreset::kLoop, 1.0, num_points);
+    const Reconstruction model = Adjusted(simulation, options);
+    auto checks =
+        CheckFocalLengths(simulation.scene, model, options, Threads(2));
+    const double of_noise = checks.at(0).relative_sigma.value();
+    AddLensErrors(simulation.scene, model, options, Threads(2), {}, &checks);
+    return std::pair(of_noise, checks[0].relative_sigma.value());
+  };
+  const auto [noise_of_few, total_of_few] = sigmas(100);
+  const auto [noise_of_many, total_of_many] = sigmas(800);
+  EXPECT_GT(total_of_few, noise_of_few);
+  EXPECT_LT(noise_of_many, 0.5 * noise_of_few);
+  EXPECT_GT(total_of_many, 0.5 * total_of_few);
 }
 
 // For one camera that drives straight, depth and focal length are ambiguous.

@@ -110,7 +110,8 @@ TEST(ViewGraphEstimationTest, DecomposesEssentialMatrices) {
   EXPECT_EQ(result.summary.num_decomposed, result.summary.num_pairs);
 }
 
-TEST(ViewGraphEstimationTest, DecomposesFundamentalMatricesOfPinholes) {
+// All that image pairs have are the fundamental matrices of pinholes.
+Simulation WithFundamentalMatrices() {
   Simulation simulation = Simulate(SmallSimulation(RigPreset::kStereo));
   const auto calibration = [&](int image_idx) {
     const Camera& camera =
@@ -127,9 +128,47 @@ TEST(ViewGraphEstimationTest, DecomposesFundamentalMatricesOfPinholes) {
     pair.relative_pose.reset();
     pair.E.reset();
   }
+  return simulation;
+}
+
+TEST(ViewGraphEstimationTest, DecomposesFundamentalMatricesOfPinholes) {
+  const Simulation simulation = WithFundamentalMatrices();
   const ViewGraphResult result = Estimate(simulation);
   ExpectExact(simulation, result);
   EXPECT_EQ(result.summary.num_decomposed, result.summary.num_pairs);
+}
+
+// Distortion moves the pixels by up to 20 px.
+TEST(ViewGraphEstimationTest, EstimatedLensesStartAtFundamentalMatrices) {
+  Simulation simulation = WithFundamentalMatrices();
+  for (Camera& camera : simulation.scene.cameras) {
+    camera.model = CameraModelId::kOpenCV;
+    camera.params.insert(camera.params.end(), {-0.05, 0.0, 0.0, 0.0});
+  }
+  for (Image& image : simulation.scene.images) {
+    const Camera& camera = simulation.scene.cameras[image.camera_idx];
+    const std::vector<double>& p = camera.params;
+    for (Eigen::Vector2f& keypoint : image.keypoints_px) {
+      const auto pixel = ProjectToPixel(
+          camera.model, p.data(),
+          {(keypoint.x() - p[2]) / p[0], (keypoint.y() - p[3]) / p[1], 1.0});
+      ASSERT_TRUE(pixel.has_value());
+      keypoint = pixel->cast<float>();
+    }
+  }
+  for (const bool is_estimated : {false, true}) {
+    for (Camera& camera : simulation.scene.cameras) {
+      camera.has_prior_focal_length = !is_estimated;
+    }
+    const ViewGraphResult result = Estimate(simulation);
+    ExpectExact(simulation, result);
+    const int num_started = result.summary.num_decomposed;
+    if (is_estimated) {
+      EXPECT_GT(num_started, result.summary.num_pairs / 2);
+    } else {
+      EXPECT_EQ(num_started, 0);
+    }
+  }
 }
 
 TEST(ViewGraphEstimationTest, EstimatesPairsWithoutGeometry) {
