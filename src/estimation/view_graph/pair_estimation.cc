@@ -36,6 +36,15 @@ bool IsSet(const std::optional<Eigen::Matrix3d>& matrix) {
   return matrix && matrix->allFinite() && matrix->norm() > 0.0;
 }
 
+PoseRefinementOptions FirstRefinement(double max_error_rad) {
+  PoseRefinementOptions refinement;
+  // Most pairs converge in fewer iterations.
+  refinement.max_num_iterations = 15;
+  refinement.loss_scale_rad = kInitialLossScale * max_error_rad;
+  refinement.relative_cost_tolerance = 1e-2;
+  return refinement;
+}
+
 // The pinhole camera at the center of a lens.
 Eigen::Matrix3d CentralMatrix(const Camera& camera) {
   const CameraModelInfo& info =
@@ -187,11 +196,7 @@ class PairEstimator {
       best = pose;
     }
     if (!best) return;
-    PoseRefinementOptions refinement;
-    refinement.max_num_iterations = kMaxNumRefinementIterations;
-    refinement.loss_scale_rad = kInitialLossScale * max_error;
-    refinement.relative_cost_tolerance = kCoarseCostTolerance;
-    RefineRelativePose(matched_.rays, refinement, &*best);
+    RefineRelativePose(matched_.rays, FirstRefinement(max_error), &*best);
     Try(ToRelativePose(*best), PairOutcome::kDecomposed);
   }
 
@@ -259,11 +264,7 @@ class PairEstimator {
       }
     }
     Rigid3 pose = WithDirection(pose_, inliers, max_error_);
-    PoseRefinementOptions refinement;
-    // Most pairs converge in fewer iterations.
-    refinement.max_num_iterations = 15;
-    refinement.loss_scale_rad = kInitialLossScale * max_error_;
-    refinement.relative_cost_tolerance = 1e-2;
+    PoseRefinementOptions refinement = FirstRefinement(max_error_);
     RefineRelativePose(inliers, refinement, &pose);
     // Actual errors are often far below the threshold.
     refinement.loss_scale_rad = std::max(
