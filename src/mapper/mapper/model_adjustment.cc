@@ -111,8 +111,8 @@ void ScaleToBaseline(const AdjustmentInput& input, bool has_world,
   model->meters_per_unit = MetersPerUnit(*baseline, model->reconstruction);
   if (!model->meters_per_unit) {
     context.Warning(
-        "metric_scale is not used: the model has not the poses of both "
-        "cameras, or they coincide");
+        "metric_scale is not used: the model lacks the pose of one of the "
+        "cameras, or their positions coincide");
     return;
   }
   Sim3 metric_from_model;
