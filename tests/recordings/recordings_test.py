@@ -50,9 +50,6 @@ def test_euroc_standing(standing, expect_whole):
     expect_whole(standing[1], 64)
 
 
-@pytest.mark.xfail(strict=True, reason="observations within "
-                   "BundleAdjustment.min_max_error, 2 px, turn the rig by 1.25 "
-                   "pixels; with 0.5 px it is right")
 def test_rig_of_euroc_standing(standing, evaluate):
     data, sparse = standing
     errors = evaluate(

@@ -9,6 +9,7 @@
 #include <map>
 #include <set>
 #include <utility>
+#include <vector>
 
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
@@ -147,28 +148,58 @@ TEST(HardshipsTest, OneKindOfWrongMatchesLeavesTheOtherAlone) {
   EXPECT_EQ(num_true, without.raw_matches.size());
 }
 
-TEST(HardshipsTest, NoiseHasTheStandardDeviationAskedFor) {
-  SimulationOptions options = StreetSimulation(RigPreset::kStereo);
-  options.pixel_noise_px = 0.7;
-  const Simulation simulation = Simulate(options, Drive(20));
-  double sum = 0.0, num = 0.0;
+// The distances of all keypoints from their true place.
+std::vector<double> KeypointErrorsOf(const Simulation& simulation) {
+  std::vector<double> errors;
   for (const Point3D& point : simulation.ground_truth.points) {
     for (const Observation& o : point.track) {
-      const Camera& camera =
-          simulation.scene
-              .cameras[simulation.scene.images[o.image_idx].camera_idx];
+      const Image& image = simulation.scene.images[o.image_idx];
+      const Camera& camera = simulation.scene.cameras[image.camera_idx];
       const auto pixel = ProjectToPixel(
           camera.model, camera.params.data(),
           simulation.cam_from_world[o.image_idx] * point.point_in_world);
-      ASSERT_TRUE(pixel.has_value());
-      sum += (*pixel - simulation.scene.images[o.image_idx]
-                           .keypoints_px[o.keypoint_idx]
-                           .cast<double>())
-                 .squaredNorm();
-      num += 2.0;
+      errors.push_back(
+          (pixel.value() - image.keypoints_px[o.keypoint_idx].cast<double>())
+              .norm());
     }
   }
-  EXPECT_NEAR(std::sqrt(sum / num), 0.7, 0.02);
+  return errors;
+}
+
+TEST(HardshipsTest, NoiseHasTheStandardDeviationAskedFor) {
+  SimulationOptions options = StreetSimulation(RigPreset::kStereo);
+  options.pixel_noise_px = 0.7;
+  const std::vector<double> errors =
+      KeypointErrorsOf(Simulate(options, Drive(20)));
+  double sum = 0.0;
+  for (const double error : errors) sum += error * error;
+  EXPECT_NEAR(std::sqrt(sum / (2.0 * errors.size())), 0.7, 0.02);
+}
+
+// The norm of a vector of Student's t distribution with nu degrees of freedom
+// and scale s exceeds e with the probability (1 + e^2 / (nu s^2))^(-nu / 2).
+TEST(HardshipsTest, NoiseHasTheTailsAskedFor) {
+  SimulationOptions options = StreetSimulation(RigPreset::kStereo);
+  options.pixel_noise_px = 0.5;
+  options.keypoint_noise_tail = 0.2;
+  const std::vector<double> errors =
+      KeypointErrorsOf(Simulate(options, Drive(60)));
+  for (const double error : {0.5, 1.0, 2.0, 4.0}) {
+    constexpr int kNumScales = 10000;
+    double expected = 0.0;
+    for (int i = 0; i < kNumScales; ++i) {
+      const double scale =
+          std::min(8.0, 1.0 / std::sqrt((i + 0.5) / kNumScales));
+      const double normalized = error / (options.pixel_noise_px * scale);
+      expected += std::pow(1.0 + normalized * normalized / 5.0, -2.5);
+    }
+    const auto num_larger =
+        std::count_if(errors.begin(), errors.end(),
+                      [&](double value) { return value > error; });
+    EXPECT_NEAR(num_larger / static_cast<double>(errors.size()),
+                expected / kNumScales, 0.02)
+        << error;
+  }
 }
 
 TEST(HardshipsTest, FewMismatchesPassVerificationAndEpipolarOutliersDo) {

@@ -338,10 +338,10 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //      (bundle_adjustment/contradicted_points.h): a few points of a vehicle
 //      agree with a frame that is slightly wrong.
 //   3. Solve to function_tolerance. Earlier solves use 100 times that.
-//   4. Remove outliers, points with too small a triangulation angle or too
-//      large a distance, and points of two observations near a camera. Drop
-//      frames without observations and, if any frames share points, frames
-//      that share none, unless they are fixed.
+//   4. Remove outliers, points whose errors are large as a whole, with too
+//      small a triangulation angle or too large a distance, and points of two
+//      observations near a camera. Drop frames without observations and, if any
+//      frames share points, frames that share none, unless they are fixed.
 //
 // The bound for outliers is error_sigma_factor standard deviations of the
 // keypoint noise, clamped to limits that tighten from round to round. The noise

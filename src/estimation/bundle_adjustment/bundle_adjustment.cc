@@ -86,6 +86,10 @@ double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                                     options.error_sigma_factor * sigma_px));
 }
 
+double MaxRmsErrorPx(const BundleAdjustmentOptions& options, double sigma_px) {
+  return options.error_sigma_factor * std::max(kMinKeypointSigmaPx, sigma_px);
+}
+
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
   return std::min(
       options.loss_scale_px,

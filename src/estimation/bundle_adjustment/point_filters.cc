@@ -175,6 +175,13 @@ Mask FindSensorsThatMeasure(const Scene& scene,
   return measures;
 }
 
+bool IsPrecise(double sum_of_squares_px2, size_t num_observations,
+               const PointFilterOptions& options) {
+  return sum_of_squares_px2 <= static_cast<double>(num_observations) *
+                                   options.max_rms_error_px *
+                                   options.max_rms_error_px;
+}
+
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
@@ -183,10 +190,14 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
       points.size(), num_threads,
       [&](size_t i) {
         Point3D& point = points[i];
+        double sum_of_squares = 0.0;
         const auto is_outlier = [&](const Observation& o) {
-          return !views[o.image_idx].is_registered ||
-                 !(ReprojectionError(scene, views, o, point.point_in_world) <=
-                   options.max_error_px);
+          if (!views[o.image_idx].is_registered) return true;
+          const double error =
+              ReprojectionError(scene, views, o, point.point_in_world);
+          if (!(error <= options.max_error_px)) return true;
+          sum_of_squares += error * error;
+          return false;
         };
         point.track.erase(
             std::remove_if(point.track.begin(), point.track.end(), is_outlier),
@@ -194,6 +205,7 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
         const std::vector<Eigen::Vector3d> centers = CentersOf(views, point);
         if (static_cast<int>(point.track.size()) <
                 options.min_num_observations ||
+            !IsPrecise(sum_of_squares, point.track.size(), options) ||
             !IsWellPlaced(centers, point.point_in_world, options) ||
             !IsDistanceMeasured(scene, point.track,
                                 NearestDistance(centers, point.point_in_world),

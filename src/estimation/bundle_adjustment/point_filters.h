@@ -43,6 +43,8 @@ double UnbiasedNoiseSigmaPx(const Scene& scene,
 
 struct PointFilterOptions {
   double max_error_px = 4.0;
+  // Of the root mean square of the errors of a point.
+  double max_rms_error_px = std::numeric_limits<double>::infinity();
   int min_num_observations = 2;
   double min_angle_rad = 0.0;  // largest angle between any two rays
   double min_two_view_angle_rad = 0.0;
@@ -79,8 +81,13 @@ Mask FindSensorsThatMeasure(const Scene& scene,
                             const std::vector<double>& distances,
                             double min_distance);
 
+// Whether n observations of a point, with this sum of squared errors, agree
+// with max_rms_error_px.
+bool IsPrecise(double sum_of_squares_px2, size_t num_observations,
+               const PointFilterOptions& options);
+
 // Removes observations with too large errors, then points with too few
-// observations or that are not well placed.
+// observations, too large errors as a whole, or that are not well placed.
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction);
 

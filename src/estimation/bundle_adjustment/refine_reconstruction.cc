@@ -96,10 +96,15 @@ void FinishRound(BundleRound round, const Context& context,
 }
 
 PointFilterOptions FilterOf(const RefinementInput& input,
-                            const BundleRound& round,
+                            const BundleRound& round, int num_rounds_left,
                             const Reconstruction& estimate) {
-  return MakeFilterOptions(input.scene, estimate, input.options,
-                           round.max_error_px, input.context);
+  PointFilterOptions filter = MakeFilterOptions(
+      input.scene, estimate, input.options, round.max_error_px, input.context);
+  // Earlier, errors of points tell those of the poses.
+  if (num_rounds_left == 0) {
+    filter.max_rms_error_px = MaxRmsErrorPx(input.options, round.sigma_px);
+  }
+  return filter;
 }
 
 void RemoveGrossErrors(const RefinementInput& input, BundleResult* result) {
@@ -122,7 +127,7 @@ void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
       StartRound(input, result->estimate, num_rounds_left);
   Retriangulate(input.scene,
                 *input.candidates.groups(result->estimate, round.max_error_px),
-                FilterOf(input, round, result->estimate),
+                FilterOf(input, round, num_rounds_left, result->estimate),
                 input.context.num_threads, &result->estimate);
   // Earlier, poses are too inexact for evidence against points.
   if (num_rounds_left == 0 && input.candidates.matches != nullptr) {
@@ -136,7 +141,7 @@ void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
 
 void FilterFinalPoints(const RefinementInput& input, BundleResult* result) {
   const BundleRound round = StartRound(input, result->estimate, 0);
-  FilterPoints(input.scene, FilterOf(input, round, result->estimate),
+  FilterPoints(input.scene, FilterOf(input, round, 0, result->estimate),
                input.context.num_threads, &result->estimate);
   FinishRound(round, input.context, result);
 }

@@ -169,7 +169,9 @@ Hypothesis FindBestHypothesis(const Candidates& candidates, double max_error_px,
 bool IsAcceptable(const Scene& scene, const Candidates& candidates,
                   const Hypothesis& hypothesis, int min_num_inliers,
                   const PointFilterOptions& options) {
-  if (static_cast<int>(hypothesis.inliers.size()) < min_num_inliers) {
+  if (static_cast<int>(hypothesis.inliers.size()) < min_num_inliers ||
+      !IsPrecise(hypothesis.squared_error, hypothesis.inliers.size(),
+                 options)) {
     return false;
   }
   std::vector<Eigen::Vector3d> centers;
@@ -273,10 +275,10 @@ std::vector<Eigen::Vector3d> PointsOfGroup(
 void Retriangulate(const Scene& scene, const ObservationGroups& groups,
                    const PointFilterOptions& options, int num_threads,
                    Reconstruction* reconstruction) {
-  FilterPoints(
-      scene,
-      PointFilterOptions{std::numeric_limits<double>::max(), 1, 0.0, 0.0},
-      num_threads, reconstruction);
+  PointFilterOptions visible;
+  visible.max_error_px = std::numeric_limits<double>::max();
+  visible.min_num_observations = 1;
+  FilterPoints(scene, visible, num_threads, reconstruction);
   const std::vector<int> group_of_point =
       FindGroups(scene, groups, reconstruction->points);
   const IndexGroups points_of_group = GroupByKey(group_of_point, groups.size());

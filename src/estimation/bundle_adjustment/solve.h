@@ -28,6 +28,9 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                   int num_rounds_left);
 
+// The bound on the root mean square of the reprojection errors of a point.
+double MaxRmsErrorPx(const BundleAdjustmentOptions& options, double sigma_px);
+
 // The scale of the loss for this noise of keypoints.
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px);
 

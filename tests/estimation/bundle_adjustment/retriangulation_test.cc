@@ -218,6 +218,43 @@ TEST(PointFilterTest, RemovesLargeErrorsAndSmallAngles) {
   }
 }
 
+// One large error among exact ones is part of a heavy tail; errors that are all
+// large tell that the point is not precise.
+TEST(PointFilterTest, RemovesPointsThatErrAsAWhole) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  const auto& points = simulation.ground_truth.points;
+  const auto has_many = [](const Point3D& point) {
+    return point.track.size() >= 8;
+  };
+  const auto one_error = std::find_if(points.begin(), points.end(), has_many);
+  const auto all_errors = std::find_if(one_error + 1, points.end(), has_many);
+  ASSERT_TRUE(all_errors != points.end());
+  Scene scene = simulation.scene;
+  const auto move = [&scene](const Observation& o, float error_px) {
+    scene.images[o.image_idx].keypoints_px[o.keypoint_idx].x() += error_px;
+  };
+  move(one_error->track[0], 1.5f);
+  float sign = 1.0f;
+  for (const Observation& o : all_errors->track) move(o, sign = -sign);
+  PointFilterOptions options = Within(2.0);
+  options.max_rms_error_px = 0.6;
+  const auto is_kept = [](const Reconstruction& model, const Point3D& point) {
+    return std::any_of(
+        model.points.begin(), model.points.end(),
+        [&](const Point3D& kept) { return kept.track == point.track; });
+  };
+  Reconstruction filtered = simulation.ground_truth;
+  FilterPoints(scene, options, 2, &filtered);
+  EXPECT_EQ(filtered.points.size(), points.size() - 1);
+  EXPECT_TRUE(is_kept(filtered, *one_error));
+  EXPECT_FALSE(is_kept(filtered, *all_errors));
+  Reconstruction anew = simulation.ground_truth;
+  Retriangulate(scene, GroupTracks(simulation.ground_truth), options, 2, &anew);
+  EXPECT_TRUE(is_kept(anew, *one_error));
+  EXPECT_FALSE(is_kept(anew, *all_errors));
+}
+
 // Filtering and retriangulation agree on the largest distance.
 TEST(PointFilterTest, RemovesPointsFarBeyondTheScene) {
   const Simulation simulation =
