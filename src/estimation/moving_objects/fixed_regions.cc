@@ -4,10 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
@@ -15,9 +18,9 @@ namespace {
 
 constexpr int kNumColumns = FixedRegions::kNumColumns;
 constexpr int kNumRows = FixedRegions::kNumRows;
-// The rig turns if a point at infinity moves by this many tolerances of a
-// match.
-constexpr double kMinTurnInTolerances = 4.0;
+// A turn, a parallax and a displacement are visible from this many tolerances
+// of a match on.
+constexpr double kMinVisible = 4.0;
 // The lower bound of the share of votes, at 2.33 standard deviations (99 %). A
 // vehicle that accompanies the rig for two thirds of a recording has less.
 constexpr double kMinShare = 0.75;
@@ -55,10 +58,10 @@ Mask FindTurning(const Scene& scene, const FramePairIndex& index,
     for (const size_t i : index.frame_pairs()[f].pair_idxs) {
       const ImagePair& pair = view_graph.pairs[i];
       if (!pair.relative_pose || !IsOfOneSensor(scene, pair)) continue;
-      turns[f] = turns[f] || AngleBetween(pair.relative_pose->cam2_from_cam1,
-                                          Eigen::Quaterniond::Identity()) >
-                                 kMinTurnInTolerances *
-                                     ToleranceRad(scene, pair, max_error_px);
+      turns[f] =
+          turns[f] || AngleBetween(pair.relative_pose->cam2_from_cam1,
+                                   Eigen::Quaterniond::Identity()) >
+                          kMinVisible * ToleranceRad(scene, pair, max_error_px);
     }
   }
   return turns;
@@ -88,32 +91,169 @@ bool Turns(const FramePairIndex& index, const Mask& turns,
                      [&](int b) { return do_turn(frames.frame_idx1, b); });
 }
 
+// The inverse distance of a point from camera 1, in baselines of the pair, is
+// the ratio of its parallax and the lever of camera 2, and vice versa.
+struct Parallax {
+  double sine, lever1, lever2;
+
+  Parallax(const RelativePose& pose, const Eigen::Vector3d& ray1,
+           const Eigen::Vector3d& ray2) {
+    const Eigen::Vector3d turned = pose.cam2_from_cam1 * ray1;
+    sine = ray2.cross(turned).norm();
+    lever1 = turned.cross(*pose.translation_direction).norm();
+    lever2 = ray2.cross(*pose.translation_direction).norm();
+  }
+};
+
+// Per keypoint of an image: its inverse distance, if a match within its frame
+// has a visible parallax. The baseline of that pair is the unit.
+using Nearness = std::vector<std::optional<double>>;
+
+// The pair within its frame with the most matches of each image.
+std::vector<const ImagePair*> FindPartners(const Scene& scene,
+                                           const FramePairIndex& index,
+                                           const ViewGraph& view_graph) {
+  std::vector<const ImagePair*> partners(scene.images.size(), nullptr);
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    if (index.Of(i).IsBetweenFrames() || !pair.relative_pose ||
+        !pair.relative_pose->translation_direction) {
+      continue;
+    }
+    for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
+      const ImagePair*& partner = partners[image_idx];
+      if (partner == nullptr || pair.matches.size() > partner->matches.size()) {
+        partner = &pair;
+      }
+    }
+  }
+  return partners;
+}
+
+std::vector<Nearness> MeasureInverseDistances(const Scene& scene,
+                                              const Bearings& bearings,
+                                              const FramePairIndex& index,
+                                              const ViewGraph& view_graph,
+                                              double max_error_px) {
+  const auto partners = FindPartners(scene, index, view_graph);
+  std::vector<Nearness> nearness(partners.size());
+  for (size_t i = 0; i < partners.size(); ++i) {
+    nearness[i].resize(scene.images[i].keypoints_px.size());
+    if (partners[i] == nullptr) continue;
+    const ImagePair& pair = *partners[i];
+    const double tolerance_rad = ToleranceRad(scene, pair, max_error_px);
+    const bool is_first = pair.image_idx1 == static_cast<int>(i);
+    for (const Match& match : pair.matches) {
+      if (!bearings.HasRay(pair.image_idx1, match.keypoint_idx1) ||
+          !bearings.HasRay(pair.image_idx2, match.keypoint_idx2)) {
+        continue;
+      }
+      const Parallax parallax(
+          *pair.relative_pose,
+          bearings.Ray(pair.image_idx1, match.keypoint_idx1),
+          bearings.Ray(pair.image_idx2, match.keypoint_idx2));
+      if (parallax.sine < kMinVisible * tolerance_rad) continue;
+      nearness[i][is_first ? match.keypoint_idx1 : match.keypoint_idx2] =
+          parallax.sine / (is_first ? parallax.lever2 : parallax.lever1);
+    }
+  }
+  return nearness;
+}
+
+// The matches of a pair of images of one sensor that tell whether their
+// keypoints move along with the rig.
+class RayComparison {
+ public:
+  struct Vote {
+    int keypoint_idx1, keypoint_idx2;
+    bool is_fixed;
+  };
+
+  RayComparison(const Scene& scene, const Bearings& bearings,
+                const ImagePair& pair, double max_error_px)
+      : bearings_(bearings),
+        pair_(pair),
+        tolerance_rad_(ToleranceRad(scene, pair, max_error_px)) {}
+
+  // A point at infinity would move, so that all matches tell.
+  std::vector<Vote> WhereRigTurns() const {
+    std::vector<Vote> votes;
+    for (const Match& match : pair_.matches) {
+      if (const auto vote = Compare(match)) votes.push_back(*vote);
+    }
+    return votes;
+  }
+
+  // Points that move show how far the rig went. A point that does not is fixed
+  // to the rig if it is so near that it would move visibly at rest.
+  std::vector<Vote> WhereRigAdvances(const Nearness& nearness1) const {
+    const auto& pose = pair_.relative_pose;
+    if (!pose || !pose->translation_direction) return {};
+    std::vector<Vote> moving, fixed;
+    std::vector<double> lengths;
+    for (const Vote& vote : WhereRigTurns()) {
+      const auto& near = nearness1[vote.keypoint_idx1];
+      if (!vote.is_fixed) {
+        moving.push_back(vote);
+        if (!near) continue;
+        const Parallax parallax = ParallaxOf(vote);
+        lengths.push_back(parallax.sine / parallax.lever2 / *near);
+      } else if (near) {
+        fixed.push_back(vote);
+      }
+    }
+    if (lengths.empty()) return {};
+    const double length = Median(std::move(lengths));
+    for (const Vote& vote : fixed) {
+      const double sine_at_rest =
+          length * *nearness1[vote.keypoint_idx1] * ParallaxOf(vote).lever2;
+      if (sine_at_rest >= kMinVisible * tolerance_rad_) moving.push_back(vote);
+    }
+    return moving;
+  }
+
+ private:
+  std::optional<Vote> Compare(const Match& match) const {
+    const auto k1 = static_cast<int>(match.keypoint_idx1);
+    const auto k2 = static_cast<int>(match.keypoint_idx2);
+    if (!bearings_.HasRay(pair_.image_idx1, k1) ||
+        !bearings_.HasRay(pair_.image_idx2, k2)) {
+      return std::nullopt;
+    }
+    return Vote{
+        k1, k2,
+        IsRotationInlier(Eigen::Quaterniond::Identity(),
+                         bearings_.Ray(pair_.image_idx1, k1),
+                         bearings_.Ray(pair_.image_idx2, k2), tolerance_rad_)};
+  }
+  Parallax ParallaxOf(const Vote& vote) const {
+    return {*pair_.relative_pose,
+            bearings_.Ray(pair_.image_idx1, vote.keypoint_idx1),
+            bearings_.Ray(pair_.image_idx2, vote.keypoint_idx2)};
+  }
+
+  const Bearings& bearings_;
+  const ImagePair& pair_;
+  const double tolerance_rad_;
+};
+
 // Adds the vote of a pair to those of each cell of its sensor.
 struct Votes {
   std::vector<int> num_fixed = std::vector<int>(kNumColumns * kNumRows, 0);
   std::vector<int> num_all = num_fixed;
 
-  void Add(const Scene& scene, const Bearings& bearings, const ImagePair& pair,
-           double max_error_px) {
-    const double tolerance_rad = ToleranceRad(scene, pair, max_error_px);
+  void Add(const Scene& scene, const ImagePair& pair,
+           const std::vector<RayComparison::Vote>& votes) {
     std::vector<int> balance(num_all.size(), 0);
-    for (const Match& match : pair.matches) {
-      const auto k1 = static_cast<int>(match.keypoint_idx1);
-      const auto k2 = static_cast<int>(match.keypoint_idx2);
-      if (!bearings.HasRay(pair.image_idx1, k1) ||
-          !bearings.HasRay(pair.image_idx2, k2)) {
-        continue;
-      }
-      const int change =
-          IsRotationInlier(Eigen::Quaterniond::Identity(),
-                           bearings.Ray(pair.image_idx1, k1),
-                           bearings.Ray(pair.image_idx2, k2), tolerance_rad)
-              ? 1
-              : -1;
-      balance[CellOf(CameraOf(scene, pair.image_idx1),
-                     scene.images[pair.image_idx1].keypoints_px[k1])] += change;
-      balance[CellOf(CameraOf(scene, pair.image_idx2),
-                     scene.images[pair.image_idx2].keypoints_px[k2])] += change;
+    const auto add = [&](int image_idx, int keypoint_idx, int change) {
+      balance[CellOf(CameraOf(scene, image_idx),
+                     scene.images[image_idx].keypoints_px[keypoint_idx])] +=
+          change;
+    };
+    for (const RayComparison::Vote& vote : votes) {
+      const int change = vote.is_fixed ? 1 : -1;
+      add(pair.image_idx1, vote.keypoint_idx1, change);
+      add(pair.image_idx2, vote.keypoint_idx2, change);
     }
     for (size_t c = 0; c < balance.size(); ++c) {
       num_fixed[c] += balance[c] > 0;
@@ -169,14 +309,20 @@ FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
                               const ViewGraph& view_graph,
                               double max_error_px) {
   const Mask turns = FindTurning(scene, index, view_graph, max_error_px);
+  const std::vector<Nearness> nearness =
+      MeasureInverseDistances(scene, bearings, index, view_graph, max_error_px);
   std::vector<Votes> votes(scene.sensors.size());
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
-    if (!frames.IsBetweenFrames() || !Turns(index, turns, frames)) continue;
+    if (!frames.IsBetweenFrames()) continue;
+    const bool do_turn = Turns(index, turns, frames);
     for (const size_t i : frames.pair_idxs) {
       const ImagePair& pair = view_graph.pairs[i];
       if (!IsOfOneSensor(scene, pair)) continue;
-      votes[scene.images[pair.image_idx1].sensor_idx].Add(scene, bearings, pair,
-                                                          max_error_px);
+      const RayComparison comparison(scene, bearings, pair, max_error_px);
+      votes[scene.images[pair.image_idx1].sensor_idx].Add(
+          scene, pair,
+          do_turn ? comparison.WhereRigTurns()
+                  : comparison.WhereRigAdvances(nearness[pair.image_idx1]));
     }
   }
   FixedRegions regions;

@@ -21,14 +21,19 @@ namespace mgsfm {
 // The rig turns between two frames if a pair of images of these frames has a
 // rotation by which a point at infinity moves visibly; in a sequence, also if
 // the pairs of one of them with a frame next to the other do, as pairs of the
-// object itself have no rotation. Images are divided into cells. Each pair of
-// images of one sensor between frames among which the rig turns votes once per
-// cell: fixed, if more matches there keep their ray than do not. A cell is
+// object itself have no rotation. On a straight way, distant points keep their
+// rays, too. There, the parallax of matches within frames tells how near points
+// are; points that move tell how far the rig went; and a match that keeps its
+// ray counts if its point is so near that it would move visibly at rest.
+//
+// Images are divided into cells. Each pair of images of one sensor votes once
+// per cell: fixed, if more matches there keep their ray than do not. A cell is
 // fixed if the lower confidence bound of the share of its votes is high, so
 // that vehicles which stay at a constant distance for a part of the recording
 // are no such objects.
 //
-// Limits. If nothing else is visible, or the rig never turns, nothing is found.
+// Limits. If nothing else is visible, nothing is found. Without cameras that
+// overlap, the rig must turn.
 struct FixedRegions {
   // A cell is a thirtieth of the width of a wide image: about as large as the
   // largest keypoints.

@@ -40,10 +40,29 @@ constexpr int kMinNumPredicted = 8;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;
 
-// Per pair: the length of its baseline by scale averaging; nullopt if unknown.
-std::vector<std::optional<double>> AverageLengths(
-    const MotionProblem& problem, const RotationEstimate& rotations,
-    double min_parallax_deg, const Context& context) {
+// The lengths of baselines by scale averaging.
+struct AveragedLengths {
+  std::vector<std::optional<BaselineLength>> of_pair;  // nullopt if unknown
+  // Moves a keypoint of a point at the typical depth by the tolerance of
+  // matches: a pair without parallax can be as long.
+  double noise_displacement = 0.0;
+};
+
+// The angle that max_error_px spans, in the median of the images.
+double MedianToleranceRad(const Scene& scene, double max_error_px) {
+  std::vector<double> angles_rad;
+  for (const Image& image : scene.images) {
+    const Camera& camera = scene.cameras[image.camera_idx];
+    angles_rad.push_back(max_error_px /
+                         PixelsPerRadian(camera.model, camera.params.data()));
+  }
+  return Median(std::move(angles_rad));
+}
+
+AveragedLengths AverageLengths(const MotionProblem& problem,
+                               const RotationEstimate& rotations,
+                               double min_parallax_deg,
+                               const Context& context) {
   const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
   Mask is_near(pairs.size(), false);
   for (size_t i = 0; i < pairs.size(); ++i) {
@@ -56,11 +75,19 @@ std::vector<std::optional<double>> AverageLengths(
       min_parallax_deg, context, PairRotation::kOwn);
   const PairScales scales = AverageScales(
       measured, static_cast<int>(problem.scene.images.size()), context);
-  std::vector<std::optional<double>> lengths(pairs.size());
+  AveragedLengths lengths;
+  lengths.noise_displacement =
+      scales.typical_depth *
+      MedianToleranceRad(problem.scene, problem.max_error_px);
+  lengths.of_pair.resize(pairs.size());
   for (size_t i = 0; i < pairs.size(); ++i) {
-    if (measured[i].kind == BaselineKind::kNoParallax) lengths[i] = 0.0;
-    if (scales.pairs[i] && scales.pairs[i]->group == 0) {
-      lengths[i] = scales.pairs[i]->scale;
+    if (measured[i].kind == BaselineKind::kNoParallax) {
+      lengths.of_pair[i] = BaselineLength{0.0, lengths.noise_displacement};
+    }
+    const auto& scale = scales.pairs[i];
+    if (scale && scale->group == 0) {
+      lengths.of_pair[i] =
+          BaselineLength{scale->scale, scale->scale * scale->sigma_log};
     }
   }
   return lengths;
@@ -396,7 +423,7 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
 // Rejects the pairs whose own poses contradict the path.
 MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
                            const RotationEstimate& rotations,
-                           const std::vector<std::optional<double>>& lengths) {
+                           const AveragedLengths& lengths) {
   const size_t num_pairs = problem.view_graph.pairs.size();
   MotionOfScene motion;
   motion.pair_is_discontinuous = Mask(num_pairs, false);
@@ -405,7 +432,7 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
     const ImagePair& pair = problem.view_graph.pairs[i];
     const Image& image1 = problem.scene.images[pair.image_idx1];
     const Image& image2 = problem.scene.images[pair.image_idx2];
-    if (!frames.IsBetweenFrames() || !lengths[i] ||
+    if (!frames.IsBetweenFrames() || !lengths.of_pair[i] ||
         !problem.index.AreNeighbors(frames) ||
         image1.sensor_idx != image2.sensor_idx ||
         !path.IsComparable(image1.frame_idx, image2.frame_idx) ||
@@ -428,7 +455,7 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
          sensor_from_rig * rig2_from_rig1.later_from_earlier *
              sensor_from_rig.Inverse(),
          CovarianceOfExpected(sensor_from_rig.rotation, rig2_from_rig1)},
-        lengths[i]);
+        lengths.of_pair[i]);
   }
   if (!motion.pair_is_discontinuous.Any()) return {};
   return motion;
@@ -504,8 +531,10 @@ MotionOfScene FindMovingObjects(const MotionInput& input,
         FindLoopsAgainstPath(index, refined, filtering.max_baseline_drift);
     return motion;
   }
-  const auto lengths =
+  const AveragedLengths lengths =
       AverageLengths(problem, rotations, min_parallax_deg, context);
+  MotionProblem with_lengths = problem;
+  with_lengths.noise_displacement = lengths.noise_displacement;
   std::vector<std::optional<Rigid3>> sensor_from_rig(scene.sensors.size());
   for (size_t s = 0; s < sensor_from_rig.size(); ++s) {
     if (rotations.sensor_from_rig[s]) {
@@ -513,15 +542,11 @@ MotionOfScene FindMovingObjects(const MotionInput& input,
           Rigid3{*rotations.sensor_from_rig[s], Vector3d::Zero()};
     }
   }
-  std::vector<std::optional<BaselineLength>> exact_lengths(lengths.size());
-  for (size_t i = 0; i < lengths.size(); ++i) {
-    if (lengths[i]) exact_lengths[i] = BaselineLength{*lengths[i], 0.0};
-  }
-  const RigPath path =
-      FindRigPath(*index.order(), index.num_frames(),
-                  FindHypothesesByPairs(problem, sensor_from_rig, exact_lengths,
-                                        PairDistance::kMeasured));
-  MotionOfScene motion = JudgeByPoses(problem, path, rotations, lengths);
+  const RigPath path = FindRigPath(
+      *index.order(), index.num_frames(),
+      FindHypothesesByPairs(with_lengths, sensor_from_rig, lengths.of_pair,
+                            PairDistance::kMeasured));
+  MotionOfScene motion = JudgeByPoses(with_lengths, path, rotations, lengths);
   RejectAmbiguous(index, path, &motion);
   return motion;
 }

@@ -122,7 +122,7 @@ Matrix6d CovarianceOfExpected(const Eigen::Quaterniond& cam2_from_rig,
 
 bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
                     const ImagePair& pair, const ExpectedPair& expected,
-                    const std::optional<double>& length) {
+                    const std::optional<BaselineLength>& length) {
   const RelativePose& pose = *pair.relative_pose;
   const Vector3d turn_error = LogSO3(
       pose.cam2_from_cam1 * expected.cam2_from_cam1.rotation.conjugate());
@@ -132,7 +132,7 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
   const Vector3d& translation = expected.cam2_from_cam1.translation;
   const Vector3d direction =
       pose.translation_direction.value_or(Vector3d::Zero());
-  const double measured = length.value_or(translation.norm());
+  const double measured = length ? length->value : translation.norm();
   const Vector3d error = measured * direction - translation;
   const bool has_direction =
       length || (pose.translation_direction && translation.norm() >= min_error);
@@ -148,6 +148,10 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
     Matrix6d of_pair = CovarianceOf(problem, pair);
     of_pair.bottomRightCorner<3, 3>() *= measured * measured;
     covariance += of_pair;
+  }
+  if (length) {
+    covariance.bottomRightCorner<3, 3>() +=
+        length->sigma * length->sigma * Matrix3d::Identity();
   }
   return turn_error.norm() <=
              max_turn_error +

@@ -7,6 +7,7 @@
 
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/view_graph.h"
+#include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_continuity.h"
 #include "moving_objects/motion_hypotheses.h"
 
@@ -47,7 +48,7 @@ struct ExpectedPair {
 [[nodiscard]] bool AgreesWithPath(
     const MotionProblem& problem, const RigPath& path, const ImagePair& pair,
     const ExpectedPair& expected,
-    const std::optional<double>& length = std::nullopt);
+    const std::optional<BaselineLength>& length = std::nullopt);
 
 // The motion between two frames near the path that their correspondences
 // support, if there is one and image pairs do not support the path more: few

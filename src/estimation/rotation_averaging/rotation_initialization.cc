@@ -2,10 +2,12 @@
 #include "rotation_averaging/rotation_initialization.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <utility>
 #include <vector>
 
 #include "geometry/so3.h"
+#include "math/graph.h"
 #include "math/spanning_tree.h"
 #include "rotation_averaging/geodesic_median.h"
 
@@ -84,6 +86,83 @@ std::vector<NodeRotation> MergeParallel(
   return merged;
 }
 
+// Chains merged rotations along a forest; its roots get the identity.
+void ChainAlong(const std::vector<NodeRotation>& merged,
+                const std::vector<GraphEdge>& edges,
+                const std::vector<int>& forest,
+                std::vector<Quaterniond>* nodes) {
+  for (const ForestStep& step :
+       WalkForest(static_cast<int>(nodes->size()), edges, forest)) {
+    if (!step.from) continue;
+    const NodeRotation& r = merged[step.from->edge];
+    const Quaterniond& parent = (*nodes)[step.from->parent];
+    (*nodes)[step.node] = step.node == r.high
+                              ? r.high_from_low * parent
+                              : r.high_from_low.conjugate() * parent;
+  }
+}
+
+// Parts of a graph, with rotations of their nodes in a world of each part.
+class Parts {
+ public:
+  Parts(const std::vector<NodeRotation>& merged,
+        const std::vector<GraphEdge>& edges, const std::vector<int>& forest,
+        std::vector<Quaterniond>* nodes)
+      : merged_(merged), edges_of_node_(nodes->size()), nodes_(nodes) {
+    std::vector<GraphEdge> within;
+    for (const int e : forest) within.push_back(edges[e]);
+    const auto num_nodes = static_cast<int>(nodes->size());
+    part_of_node_ = FindConnectedComponents(num_nodes, within).component;
+    nodes_of_part_.resize(nodes->size());
+    for (int node = 0; node < num_nodes; ++node) {
+      nodes_of_part_[part_of_node_[node]].push_back(node);
+    }
+    for (size_t e = 0; e < merged.size(); ++e) {
+      edges_of_node_[merged[e].low].push_back(e);
+      edges_of_node_[merged[e].high].push_back(e);
+    }
+  }
+
+  // Joins the parts of two nodes by the median of all rotations between them: a
+  // single one is wrong as often as any pair.
+  void Join(int node1, int node2, double max_error_rad) {
+    int larger = part_of_node_[node1], smaller = part_of_node_[node2];
+    if (nodes_of_part_[larger].size() < nodes_of_part_[smaller].size()) {
+      std::swap(larger, smaller);
+    }
+    std::vector<Quaterniond> smaller_from_larger;
+    std::vector<double> weights;
+    for (const int node : nodes_of_part_[smaller]) {
+      for (const size_t e : edges_of_node_[node]) {
+        const NodeRotation& r = merged_[e];
+        const int other = r.low == node ? r.high : r.low;
+        if (part_of_node_[other] != larger) continue;
+        const Quaterniond node_from_other =
+            r.high == node ? r.high_from_low : r.high_from_low.conjugate();
+        smaller_from_larger.push_back((*nodes_)[node].conjugate() *
+                                      node_from_other * (*nodes_)[other]);
+        weights.push_back(r.weight);
+      }
+    }
+    const Quaterniond median =
+        FindGeodesicMedian(smaller_from_larger, weights, max_error_rad)
+            .rotation;
+    for (const int node : nodes_of_part_[smaller]) {
+      (*nodes_)[node] = ((*nodes_)[node] * median).normalized();
+      part_of_node_[node] = larger;
+      nodes_of_part_[larger].push_back(node);
+    }
+    nodes_of_part_[smaller].clear();
+  }
+
+ private:
+  const std::vector<NodeRotation>& merged_;
+  std::vector<std::vector<size_t>> edges_of_node_;
+  std::vector<Quaterniond>* nodes_;
+  std::vector<int> part_of_node_;
+  std::vector<std::vector<int>> nodes_of_part_;
+};
+
 }  // namespace
 
 void InitializeNodes(const RotationProblem& problem, double max_error_rad,
@@ -102,16 +181,24 @@ void InitializeNodes(const RotationProblem& problem, double max_error_rad,
   for (const NodeRotation& r : merged) {
     edges.push_back({r.low, r.high, r.support});
   }
-  const std::vector<int> forest =
-      MaximumSpanningForest(problem.num_nodes, edges);
+  std::vector<int> within = MaximumSpanningForest(problem.num_nodes, edges);
   state->nodes.assign(problem.num_nodes, Quaterniond::Identity());
-  for (const ForestStep& step : WalkForest(problem.num_nodes, edges, forest)) {
-    if (!step.from) continue;
-    const NodeRotation& r = merged[step.from->edge];
-    const Quaterniond& parent = state->nodes[step.from->parent];
-    state->nodes[step.node] = step.node == r.high
-                                  ? r.high_from_low * parent
-                                  : r.high_from_low.conjugate() * parent;
+  std::vector<int> joints;
+  if (!start.IsEmpty()) {
+    const auto first_joint = std::stable_partition(
+        within.begin(), within.end(),
+        [&](int e) { return start.Knows(merged[e].low, merged[e].high); });
+    joints.assign(first_joint, within.end());
+    within.erase(first_joint, within.end());
+  }
+  ChainAlong(merged, edges, within, &state->nodes);
+  if (joints.empty()) return;
+  std::stable_sort(joints.begin(), joints.end(), [&](int a, int b) {
+    return merged[a].support > merged[b].support;
+  });
+  Parts parts(merged, edges, within, &state->nodes);
+  for (const int e : joints) {
+    parts.Join(merged[e].low, merged[e].high, max_error_rad);
   }
 }
 

@@ -25,8 +25,10 @@ struct NodeStart {
 // nodes are merged into their weighted geodesic median; its support is the sum
 // over the edges within `max_error_rad` of it. The merged rotations are chained
 // along a spanning forest of maximum support; the root of each tree gets the
-// identity. Relative rotations that `start` knows replace the merged ones and
-// are preferred in the forest.
+// identity. Relative rotations that `start` knows replace the merged ones. The
+// parts that they connect, such as the images of sensors without overlap, are
+// joined in the order of the forest, each two by the weighted geodesic median
+// of all merged rotations between them.
 void InitializeNodes(const RotationProblem& problem, double max_error_rad,
                      const NodeStart& start, RotationState* state);
 

@@ -58,6 +58,36 @@ void AddObject(int num_frames, Simulation* simulation) {
   }
 }
 
+// A desk in the lower edge of the images of both sensors. Its parallax within
+// frames shows that it is near: a fifth of the width of an image.
+void AddDesk(Simulation* simulation) {
+  Scene& scene = simulation->scene;
+  std::vector<uint32_t> first_on_desk;
+  for (Image& image : scene.images) {
+    first_on_desk.push_back(static_cast<uint32_t>(image.keypoints_px.size()));
+    const Camera& camera = scene.cameras[image.camera_idx];
+    for (int k = 0; k < kNumOnObject; ++k) {
+      const double column = 0.3 + 0.5 * k / kNumOnObject;
+      image.keypoints_px.emplace_back(
+          static_cast<float>((column - 0.2 * image.sensor_idx) *
+                             camera.width_px),
+          static_cast<float>(camera.height_px - 4));
+    }
+  }
+  for (ImagePair& pair : simulation->view_graph.pairs) {
+    const Image& image1 = scene.images[pair.image_idx1];
+    const Image& image2 = scene.images[pair.image_idx2];
+    if (image1.frame_idx != image2.frame_idx &&
+        image1.sensor_idx != image2.sensor_idx) {
+      continue;
+    }
+    for (uint32_t k = 0; k < kNumOnObject; ++k) {
+      pair.matches.push_back({first_on_desk[pair.image_idx1] + k,
+                              first_on_desk[pair.image_idx2] + k});
+    }
+  }
+}
+
 FixedRegions Find(const Simulation& simulation) {
   const Scene& scene = simulation.scene;
   return FindFixedRegions(scene, ComputeBearings(scene, 1),
@@ -109,6 +139,26 @@ TEST(FixedRegionsTest, AStaticWorldHasNone) {
     EXPECT_EQ(CountMatches(DropFixedRegions(simulation.scene, regions,
                                             simulation.view_graph, Context())),
               CountMatches(simulation.view_graph));
+  }
+}
+
+// On a straight way, distant points keep their rays as the desk does.
+TEST(FixedRegionsTest, ANearDeskIsFoundOnAStraightWay) {
+  Simulation simulation = Drive(PathPreset::kStraight);
+  std::vector<size_t> num_of_scene;
+  for (const Image& image : simulation.scene.images) {
+    num_of_scene.push_back(image.keypoints_px.size());
+  }
+  AddDesk(&simulation);
+  const FixedRegions regions = Find(simulation);
+  for (const int sensor_idx : {0, 1}) {
+    ASSERT_FALSE(regions.of_sensor[sensor_idx].empty());
+    EXPECT_LT(regions.FractionOf(sensor_idx), 0.1);
+  }
+  for (size_t i = 0; i < num_of_scene.size(); ++i) {
+    for (size_t k = num_of_scene[i]; k < num_of_scene[i] + kNumOnObject; ++k) {
+      EXPECT_TRUE(regions.Contains(simulation.scene, static_cast<int>(i), k));
+    }
   }
 }
 

@@ -113,6 +113,30 @@ TEST(InitializeNodes, WhatIsKnownGoesBeforeEdges) {
   EXPECT_LT(MaxErrorDeg(state, example.truth), 1e-9);
 }
 
+// The images of two sensors that do not overlap are two parts, which loops
+// join.
+TEST(InitializeNodes, PartsAreJoinedByMostPairsBetweenThem) {
+  Random random(4);
+  Example example = MakeRing(20, 0.0, 0.0, 0.0, &random);
+  NodeStart start;
+  for (int i = 0; i < 20; ++i) {
+    const Quaterniond world = ExpSO3({0.7 * (i / 10), 0.2, 0.3});
+    start.rotations.emplace_back(example.truth.nodes[i] * world);
+    start.components.emplace_back(i / 10);
+  }
+  int num_between = 0, num_wrong = 0;
+  for (RotationEdge& edge : example.problem.edges) {
+    if (start.Knows(edge.node1, edge.node2) || num_between++ % 3 != 0) continue;
+    edge.cam2_from_cam1 = ExpSO3(NormalVector(&random)) * edge.cam2_from_cam1;
+    edge.support = 1000.0;
+    ++num_wrong;
+  }
+  ASSERT_GT(num_wrong, 5);
+  RotationState state{{}, example.truth.sensors};
+  InitializeNodes(example.problem, 0.1, start, &state);
+  EXPECT_LT(MaxErrorDeg(state, example.truth), 1e-6);
+}
+
 // Small outliers are where an L1 step with a fixed penalty does nothing.
 TEST(AverageL1, RejectsSmallOutliersThatLeastSquaresDoesNot) {
   for (const double outlier_deg : {0.5, 6.0, 60.0}) {
