@@ -24,6 +24,7 @@
 #include "interruption.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/version.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
 #include "terminal_style.h"
 #include "version_text.h"
 
@@ -85,6 +86,19 @@ void PrintOptionsMarkdown() {
     command.list([](const OptionList& options) {
       std::cout << OptionsToMarkdown(options);
     });
+  }
+}
+
+// Prints the table of rules of docs/maths/pair_filtering.md.
+void PrintRulesMarkdown() {
+  std::cout << "| rule | follows | `rejected_pairs` | option | rejects |\n"
+               "|---|---|---|---|---|\n";
+  const PairFilteringOptions options;
+  for (const PairRule& rule : kPairRules) {
+    std::cout << "| " << rule.name << " | " << rule.stage << " | `"
+              << EnumName(rule.reason) << "` | `"
+              << (options.*rule.option).Info().name << "` | " << rule.rejects
+              << " |\n";
   }
 }
 
@@ -152,6 +166,8 @@ int Dispatch(std::vector<std::string> arguments, const std::string& commit) {
     std::cout << VersionText(commit);
   } else if (name == "print_options_markdown") {
     PrintOptionsMarkdown();
+  } else if (name == "print_rules_markdown") {
+    PrintRulesMarkdown();
   } else {
     return RunCommand(name, arguments);
   }

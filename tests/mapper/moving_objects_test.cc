@@ -37,6 +37,10 @@ double MaxPositionError(const Simulation& simulation,
   const MapperResult result = Map(simulation, options, 1);
   EXPECT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.unregistered_frames.empty());
+  for (const RejectionCount& count : result.rejected_pairs) {
+    if (count.reason != RejectionReason::kDiscontinuousMotion) continue;
+    EXPECT_EQ(count.num_pairs > 0, use_motion_continuity);
+  }
   return CompareModels(simulation.scene, result.models[0].reconstruction,
                        simulation.ground_truth)
       .max_position;

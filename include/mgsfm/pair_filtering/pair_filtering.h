@@ -20,38 +20,18 @@ namespace mgsfm {
 // Verification accepts a pair on its own matches. Duplicate structures, such as
 // two equal facades, pass it: their matches agree with one relative pose, and
 // many such pairs agree with each other. Robust averaging cannot outvote them.
-// The rules below compare pairs instead; all judge pairs of frames, so that the
-// cameras of a rig vote together.
+// The rules of kPairRules compare pairs instead; all judge pairs of frames, so
+// that the cameras of a rig vote together (docs/maths/pair_filtering.md).
 //
-// 1. Skeletal graph (Snavely, Seitz, Szeliski, CVPR 2008; skeletal_graph.h).
-//    Neighboring frames share most of what they see, duplicates share only the
-//    duplicate. A sparse graph of the strongest pairs gives first rotations and
-//    positions. In a sequence, neighbors in time come first.
-// 2. Triplet support (Zach, Klopschitz, Pollefeys, CVPR 2010;
-//    triplet_consistency.h). A match counts as support if a third image matches
-//    both of its keypoints. Unrelated places have no such matches.
-// 3. Rotation consistency (rotation_consistency.h). A pair must agree with the
-//    rotations of the skeleton up to a drift bound (drift_bound.h): drift grows
-//    with the path length through the maximum spanning tree of the skeleton,
-//    like its square root for rotations and proportionally for positions.
-// 4. Unsupported bridges (unsupported_bridges.h). A pair that alone connects
-//    two components is rejected if it has no triplet support and other pairs
-//    contradict it. The components then stay apart.
-// 5. Motion continuity (rig_motions.h, motion_continuity.h). Matches on an
-//    object that moves along with the rig imply that it stands still. Where two
-//    motions exclude each other by their matches, and persist in adjacent
-//    frames, the smoothest choice exposes them.
-// 6. Fixed regions (fixed_regions.h). Matches on an object that moves along
-//    with the rig during the whole recording are dropped before all other
-//    rules.
-// 7. Baseline consistency (baseline_consistency.h). Direction and length of the
-//    measured baseline must agree with the positions: first with those of the
-//    skeleton up to the drift bound, at the end with the estimate. If all
-//    neighbors contradict a step of a sequence (displaced_steps.h), rotations
-//    that drift are corrected first.
+// Two kinds of evidence serve several rules:
 //
-// Rules 3 and 7 reject nothing if they would reject more than a third of the
-// pairs they judge: then the skeleton is wrong, not the pairs.
+// - The skeletal graph (Snavely, Seitz, Szeliski, CVPR 2008; skeletal_graph.h).
+//   Neighboring frames share most of what they see, duplicates share only the
+//   duplicate. A sparse graph of the strongest pairs gives first rotations and
+//   positions. In a sequence, neighbors in time come first.
+// - Triplet support (Zach, Klopschitz, Pollefeys, CVPR 2010;
+//   triplet_consistency.h). A match counts as support if a third image matches
+//   both of its keypoints. Unrelated places have no such matches.
 //
 // Known limits. Duplicates closer than the drift bound are accepted. If the
 // neighbors of a place are missing, its duplicate can be the strongest pair.
@@ -87,26 +67,34 @@ struct PairFilteringOptions {
   // Select the skeletal graph by triplet-consistent matches first, instead of
   // by all matches.
   bool use_triplet_support = true;
-  // Reject pairs whose rotation is beyond the drift bound of the skeletal
-  // graph.
-  bool use_rotation_consistency = true;
-  // Reject a pair that alone connects two components if it has no triplet
-  // support and other pairs contradict it.
-  bool use_unsupported_bridges = true;
+  Option<bool> use_rotation_consistency{
+      "use_rotation_consistency", true,
+      "Reject pairs whose rotation is beyond the drift bound of the skeletal "
+      "graph."};
+  Option<bool> use_unsupported_bridges{
+      "use_unsupported_bridges", true,
+      "Reject a pair that alone connects two components if it has no triplet "
+      "support and other pairs contradict it."};
   Option<bool> use_motion_continuity{
       "use_motion_continuity", true,
       "Reject pairs of a sequence that show an object moving along with the "
       "rig, where two motions exclude each other by their matches and persist "
       "in adjacent frames."};
+  Option<bool> use_ambiguous_motion{
+      "use_ambiguous_motion", true,
+      "Reject pairs of neighbors in a sequence across a step whose rival "
+      "motions are equally probable. Needs use_motion_continuity."};
   Option<bool> use_fixed_regions{
       "use_fixed_regions", true,
       "Drop the matches of image regions whose content moves along with the "
       "rig during the whole recording, such as a hull, a cabin or a tripod."};
-  // Ignore baselines beyond the drift bound of the skeletal graph when
-  // positions are initialized.
-  bool use_baseline_drift_bound = true;
-  // Reject pairs whose baseline contradicts the estimated positions.
-  bool use_baseline_consistency = true;
+  Option<bool> use_baseline_drift_bound{
+      "use_baseline_drift_bound", true,
+      "Ignore baselines beyond the drift bound of the skeletal graph when "
+      "positions are initialized."};
+  Option<bool> use_baseline_consistency{
+      "use_baseline_consistency", true,
+      "Reject pairs whose baseline contradicts the estimated positions."};
 
   // Strength of a pair of frames, relative to the strongest pair of either
   // frame, above which it joins the skeletal graph.
@@ -139,29 +127,36 @@ struct PairFilteringOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(is_sequence, use_motion_continuity, use_fixed_regions);
+    visit(is_sequence, use_motion_continuity, use_ambiguous_motion,
+          use_fixed_regions, use_rotation_consistency, use_unsupported_bridges,
+          use_baseline_drift_bound, use_baseline_consistency);
   }
 };
 
-// Why a pair is not used. A pair has the reason of the first rule it fails.
+// Why a pair is not used: the first rule that it fails, or what the estimate
+// lacks.
 enum class RejectionReason {
-  kNoRelativePose,            // verification found none
-  kDiscontinuousMotion,       // rule 5
-  kUnknownSensorRotation,     // sensor_from_rig of one of its images is unknown
-  kRotationBeyondDriftBound,  // rule 3
-  kInconsistentRotation,      // contradicts the estimated rotations
-  kUnsupportedBridge,         // rule 4
-  kFrameWithoutRotation,      // no accepted pair connects one of its frames
-  kDifferentComponents,       // its frames are in different components
-  kNoBaseline,                // no translation explains its matches
-  kInconsistentBaseline,      // rule 7
+  kNoRelativePose,  // verification found none
+  kFixedRegion,
+  kDiscontinuousMotion,
+  kAmbiguousMotion,
+  kUnknownSensorRotation,  // sensor_from_rig of one of its images is unknown
+  kRotationBeyondDriftBound,
+  kInconsistentRotation,  // contradicts the averaged rotations
+  kUnsupportedBridge,
+  kFrameWithoutRotation,  // no accepted pair connects one of its frames
+  kDifferentComponents,   // its frames are in different components
+  kBaselineBeyondDriftBound,
+  kInconsistentBaseline,
 };
 
 template <>
 struct EnumTable<RejectionReason> {
   static constexpr std::pair<std::string_view, RejectionReason> kNames[] = {
       {"no_relative_pose", RejectionReason::kNoRelativePose},
+      {"fixed_region", RejectionReason::kFixedRegion},
       {"discontinuous_motion", RejectionReason::kDiscontinuousMotion},
+      {"ambiguous_motion", RejectionReason::kAmbiguousMotion},
       {"unknown_sensor_rotation", RejectionReason::kUnknownSensorRotation},
       {"rotation_beyond_drift_bound",
        RejectionReason::kRotationBeyondDriftBound},
@@ -169,9 +164,60 @@ struct EnumTable<RejectionReason> {
       {"unsupported_bridge", RejectionReason::kUnsupportedBridge},
       {"frame_without_rotation", RejectionReason::kFrameWithoutRotation},
       {"different_components", RejectionReason::kDifferentComponents},
-      {"no_baseline", RejectionReason::kNoBaseline},
+      {"baseline_beyond_drift_bound",
+       RejectionReason::kBaselineBeyondDriftBound},
       {"inconsistent_baseline", RejectionReason::kInconsistentBaseline}};
 };
+
+// A rule rejects pairs for a reason of its own, which the report counts.
+struct PairRule {
+  std::string_view name;
+  std::string_view stage;  // that it follows
+  RejectionReason reason;
+  Option<bool> PairFilteringOptions::*option;  // switches it off
+  std::string_view rejects;
+};
+
+// All rules, in the order in which they run.
+inline constexpr PairRule kPairRules[] = {
+    {"fixed regions", "view graph", RejectionReason::kFixedRegion,
+     &PairFilteringOptions::use_fixed_regions,
+     "pairs without a relative pose but by matches of image regions that move "
+     "along with the rig during the whole recording"},
+    {"motion continuity", "rotation averaging",
+     RejectionReason::kDiscontinuousMotion,
+     &PairFilteringOptions::use_motion_continuity,
+     "neighbors in a sequence that follow an object, where two motions "
+     "exclude each other by their matches and persist in adjacent frames"},
+    {"ambiguous motion", "rotation averaging",
+     RejectionReason::kAmbiguousMotion,
+     &PairFilteringOptions::use_ambiguous_motion,
+     "neighbors in a sequence across a step whose rival motions are equally "
+     "probable"},
+    {"rotation drift bound", "rotation averaging of the skeletal graph",
+     RejectionReason::kRotationBeyondDriftBound,
+     &PairFilteringOptions::use_rotation_consistency,
+     "pairs whose rotation differs from that of the skeletal graph by more "
+     "than its drift explains"},
+    {"unsupported bridges", "rotation averaging",
+     RejectionReason::kUnsupportedBridge,
+     &PairFilteringOptions::use_unsupported_bridges,
+     "pairs that alone connect two components, without triplet support, and "
+     "that other pairs contradict"},
+    {"baseline drift bound", "L1 positions of the skeletal graph",
+     RejectionReason::kBaselineBeyondDriftBound,
+     &PairFilteringOptions::use_baseline_drift_bound,
+     "pairs whose baseline differs from that of the skeletal graph by more "
+     "than its drift explains, unless the final positions agree"},
+    {"baseline consistency", "translation averaging",
+     RejectionReason::kInconsistentBaseline,
+     &PairFilteringOptions::use_baseline_consistency,
+     "pairs whose baseline contradicts the positions in direction or "
+     "length"}};
+
+// Whether the rule with this reason is on.
+[[nodiscard]] bool IsRuleOn(RejectionReason reason,
+                            const PairFilteringOptions& options);
 
 // Per pair of the view graph; nullopt: accepted.
 using PairVerdicts = std::vector<std::optional<RejectionReason>>;
@@ -186,8 +232,10 @@ struct RejectionCount {
 };
 
 // All reasons in the order of the enum, also those without any pair.
-// EnumName() gives the name of a reason in the report.
-std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts);
+// EnumName() gives the name of a reason in the report. Pairs of fixed regions
+// are no longer in the view graph.
+std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts,
+                                            size_t num_of_fixed_regions = 0);
 
 // Rejected pairs between two stretches of neighboring frames: first_frame_idx1
 // to last_frame_idx1 and first_frame_idx2 to last_frame_idx2. A large group

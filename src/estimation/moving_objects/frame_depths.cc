@@ -41,9 +41,8 @@ bool IsSwapped(const Scene& scene, const ImagePair& pair) {
          scene.images[pair.image_idx2].sensor_idx;
 }
 
-std::vector<SensorPair> FindSensorPairs(const Scene& scene,
-                                        const FramePairIndex& index,
-                                        const ViewGraph& view_graph) {
+std::vector<SensorPair> FindSensorPairs(const MotionInput& input) {
+  const auto& [scene, bearings, index, view_graph, matches, rotations] = input;
   std::map<std::pair<int, int>, SensorPair> of_sensors;
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
@@ -151,19 +150,17 @@ struct SensorPose {
 // determine together, where those of a single frame may be too few. They do not
 // refine the rotation: in a narrow overlap they determine only combinations of
 // rotation and direction, and errors of intrinsics turn it.
-std::optional<SensorPose> EstimateSensorPose(const Scene& scene,
-                                             const Bearings& bearings,
-                                             const RotationEstimate& rotations,
+std::optional<SensorPose> EstimateSensorPose(const MotionInput& input,
                                              const SensorPair& sensor_pair,
                                              Random* random) {
-  const auto& sensor1_from_rig =
-      rotations.sensor_from_rig[sensor_pair.sensor_idx1];
-  const auto& sensor2_from_rig =
-      rotations.sensor_from_rig[sensor_pair.sensor_idx2];
+  const auto& sensor_from_rig = input.rotations.sensor_from_rig;
+  const auto& sensor1_from_rig = sensor_from_rig[sensor_pair.sensor_idx1];
+  const auto& sensor2_from_rig = sensor_from_rig[sensor_pair.sensor_idx2];
   if (!sensor1_from_rig || !sensor2_from_rig) return std::nullopt;
   const Eigen::Quaterniond rotation =
       *sensor2_from_rig * sensor1_from_rig->conjugate();
-  const RayMatches pooled = PoolMatches(scene, bearings, sensor_pair);
+  const RayMatches pooled =
+      PoolMatches(input.scene, input.bearings, sensor_pair);
   if (!sensor_pair.has_direction || pooled.size() == 0) return std::nullopt;
   Rigid3 pose = SamplePose(pooled, rotation, random);
   PoseRefinementOptions options;
@@ -234,31 +231,33 @@ void ForEachIntersection(const Bearings& bearings, const ImagePair& pair,
 
 // The depths of the keypoints of all images of two sensors, in baselines of
 // these sensors. Keypoints are numbered through all images.
-void MeasureDepths(const Scene& scene, const Bearings& bearings,
-                   const std::vector<int>& first_keypoint,
-                   const SensorPair& sensor_pair,
-                   const Rigid3& sensor2_from_sensor1, double min_sine,
-                   BaselineDirection* baseline) {
-  baseline->image_idx1 = sensor_pair.sensor_idx1;
-  baseline->image_idx2 = sensor_pair.sensor_idx2;
-  baseline->kind = BaselineKind::kDirection;
+BaselineDirection MeasureDepths(const MotionInput& input,
+                                const std::vector<int>& first_keypoint,
+                                const SensorPair& sensor_pair,
+                                const Rigid3& sensor2_from_sensor1,
+                                double min_sine) {
+  BaselineDirection baseline;
+  baseline.image_idx1 = sensor_pair.sensor_idx1;
+  baseline.image_idx2 = sensor_pair.sensor_idx2;
+  baseline.kind = BaselineKind::kDirection;
   for (const ImagePair* pair : sensor_pair.pairs) {
-    const bool is_swapped = IsSwapped(scene, *pair);
+    const bool is_swapped = IsSwapped(input.scene, *pair);
     ForEachIntersection(
-        bearings, *pair,
+        input.bearings, *pair,
         is_swapped ? sensor2_from_sensor1.Inverse() : sensor2_from_sensor1,
         min_sine, [&](const Match& match, const Intersection& point) {
-          baseline->depths[is_swapped ? 1 : 0].push_back(
+          baseline.depths[is_swapped ? 1 : 0].push_back(
               {first_keypoint[pair->image_idx1] +
                    static_cast<int>(match.keypoint_idx1),
                static_cast<float>(std::log(point.distances[0]))});
-          baseline->depths[is_swapped ? 0 : 1].push_back(
+          baseline.depths[is_swapped ? 0 : 1].push_back(
               {first_keypoint[pair->image_idx2] +
                    static_cast<int>(match.keypoint_idx2),
                static_cast<float>(std::log(point.distances[1]))});
         });
   }
-  for (auto& depths : baseline->depths) SortByKeypoint(&depths);
+  for (auto& depths : baseline.depths) SortByKeypoint(&depths);
+  return baseline;
 }
 
 // Poses of the sensors in the axes of their rig, along a spanning tree of the
@@ -307,9 +306,9 @@ std::vector<std::optional<Rigid3>> PlaceSensors(
 
 // Intersects the matching rays of two images of one frame. A distance is
 // inversely proportional to the sine of the angle between the rays.
-void AddDepths(const Scene& scene, const Bearings& bearings,
-               const ImagePair& pair, double min_sine, double noise_px,
-               FrameDepths* depths) {
+void AddDepths(const MotionInput& input, const ImagePair& pair, double min_sine,
+               double noise_px, FrameDepths* depths) {
+  const Scene& scene = input.scene;
   const int images[2] = {pair.image_idx1, pair.image_idx2};
   const auto& cam1_from_rig =
       depths->cam_from_rig[scene.images[images[0]].sensor_idx];
@@ -323,7 +322,7 @@ void AddDepths(const Scene& scene, const Bearings& bearings,
     depths->relative_sigmas[image].resize(num_keypoints);
   }
   ForEachIntersection(
-      bearings, pair, *cam2_from_rig * cam1_from_rig->Inverse(), min_sine,
+      input.bearings, pair, *cam2_from_rig * cam1_from_rig->Inverse(), min_sine,
       [&](const Match& match, const Intersection& point) {
         const size_t keypoints[2] = {match.keypoint_idx1, match.keypoint_idx2};
         for (const int i : {0, 1}) {
@@ -418,41 +417,38 @@ std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
   return BaselineLength{length, std::sqrt(variance)};
 }
 
-FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
-                               const FramePairIndex& index,
-                               const ViewGraph& view_graph,
-                               const RotationEstimate& rotations,
-                               double min_parallax_deg, double noise_px,
+FrameDepths MeasureFrameDepths(const MotionInput& input,
+                               const DepthOptions& options,
                                const Context& context) {
-  const double min_sine = std::sin(DegToRad(min_parallax_deg));
+  const Scene& scene = input.scene;
+  const double min_sine = std::sin(DegToRad(options.min_parallax_deg));
   std::vector<int> first_keypoint;
   int num_keypoints = 0;
   for (const Image& image : scene.images) {
     first_keypoint.push_back(num_keypoints);
     num_keypoints += static_cast<int>(image.keypoints_px.size());
   }
-  const std::vector<SensorPair> sensor_pairs =
-      FindSensorPairs(scene, index, view_graph);
+  const std::vector<SensorPair> sensor_pairs = FindSensorPairs(input);
   std::vector<std::optional<SensorPose>> poses(sensor_pairs.size());
   std::vector<BaselineDirection> measured(sensor_pairs.size());
   ParallelFor(sensor_pairs.size(), context.num_threads, [&](size_t i) {
     context.CheckInterrupted();
     Random random(context.random_seed, i);
-    poses[i] = EstimateSensorPose(scene, bearings, rotations, sensor_pairs[i],
-                                  &random);
+    poses[i] = EstimateSensorPose(input, sensor_pairs[i], &random);
     if (!poses[i]) return;
-    MeasureDepths(scene, bearings, first_keypoint, sensor_pairs[i],
-                  poses[i]->sensor2_from_sensor1, min_sine, &measured[i]);
+    measured[i] = MeasureDepths(input, first_keypoint, sensor_pairs[i],
+                                poses[i]->sensor2_from_sensor1, min_sine);
   });
   const PairScales scales =
       AverageScales(measured, static_cast<int>(scene.sensors.size()), context);
   FrameDepths depths;
   depths.distances.resize(scene.images.size());
   depths.relative_sigmas.resize(scene.images.size());
-  depths.cam_from_rig = PlaceSensors(rotations, sensor_pairs, poses, scales);
+  depths.cam_from_rig =
+      PlaceSensors(input.rotations, sensor_pairs, poses, scales);
   for (const SensorPair& sensor_pair : sensor_pairs) {
     for (const ImagePair* pair : sensor_pair.pairs) {
-      AddDepths(scene, bearings, *pair, min_sine, noise_px, &depths);
+      AddDepths(input, *pair, min_sine, options.noise_px, &depths);
     }
   }
   return depths;

@@ -12,6 +12,21 @@
 
 namespace mgsfm {
 
+// The measurements of a sequence that the motion of its rig explains.
+struct MotionInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const FramePairIndex& index;  // of the view graph
+  const ViewGraph& view_graph;
+  const ViewGraph& matches;
+  const RotationEstimate& rotations;
+};
+
+struct DepthOptions {
+  double min_parallax_deg = 0.0;
+  double noise_px = 0.0;  // the standard deviation of keypoints
+};
+
 // The places of the sensors in their rig, and the depths of keypoints that
 // match within frames, in an arbitrary unit of length.
 //
@@ -26,14 +41,11 @@ namespace mgsfm {
 // relate the lengths of the baselines
 // (translation_averaging/scale_averaging.h). Sensors are placed along the
 // spanning tree of the most certain directions; the origin of a rig is one of
-// them. Sensors without a baseline to the others have no place. `noise_px` is
-// the standard deviation of keypoints, from which those of the distances
-// follow. Cost: linear in the matches within frames; parallel over pairs of
-// sensors.
-[[nodiscard]] FrameDepths MeasureFrameDepths(
-    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
-    const ViewGraph& view_graph, const RotationEstimate& rotations,
-    double min_parallax_deg, double noise_px, const Context& context);
+// them. Sensors without a baseline to the others have no place. Cost: linear in
+// the matches within frames; parallel over pairs of sensors.
+[[nodiscard]] FrameDepths MeasureFrameDepths(const MotionInput& input,
+                                             const DepthOptions& options,
+                                             const Context& context);
 
 // The length L of the baseline of a pair of images of two frames, by keypoints
 // with known distances d. A ray f of the first image is parallel to R f in the

@@ -24,13 +24,8 @@ namespace mgsfm {
 // have the right rotation and direction, without a distance.
 
 // The measurements, and the settings that all steps share.
-struct MotionProblem {
-  const Scene& scene;
-  const Bearings& bearings;
-  const FramePairIndex& index;  // of the view graph
-  const ViewGraph& view_graph;
+struct MotionProblem : MotionInput {
   const FramePairIndex& matches_index;
-  const ViewGraph& matches;
   const FrameDepths& depths;
   double max_error_px;
   double max_relative_baseline_error;

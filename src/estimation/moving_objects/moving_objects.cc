@@ -15,7 +15,6 @@
 #include "mgsfm/geometry/camera_models.h"
 #include "moving_objects/ambiguous_steps.h"
 #include "moving_objects/frame_depths.h"
-#include "moving_objects/loop_consistency.h"
 #include "moving_objects/motion_continuity.h"
 #include "moving_objects/motion_hypotheses.h"
 #include "moving_objects/path_agreement.h"
@@ -60,7 +59,6 @@ double MedianToleranceRad(const Scene& scene, double max_error_px) {
 }
 
 AveragedLengths AverageLengths(const MotionProblem& problem,
-                               const RotationEstimate& rotations,
                                double min_parallax_deg,
                                const Context& context) {
   const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
@@ -71,7 +69,7 @@ AveragedLengths AverageLengths(const MotionProblem& problem,
   }
   const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
       {problem.scene, problem.bearings, problem.view_graph, is_near,
-       MakePositionProblem(problem.scene, rotations)},
+       MakePositionProblem(problem.scene, problem.rotations)},
       min_parallax_deg, context, PairRotation::kOwn);
   const PairScales scales = AverageScales(
       measured, static_cast<int>(problem.scene.images.size()), context);
@@ -395,14 +393,13 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   const std::vector<ExpectedPair> expected = ExpectPairs(problem, placed);
   const size_t num_pairs = problem.view_graph.pairs.size();
   MotionOfScene motion;
-  motion.pair_is_discontinuous = Mask(num_pairs, false);
+  motion.verdicts.resize(num_pairs);
   motion.pair_of_scene.resize(num_pairs);
   motion.pair_on_path = PosesNearObjects(problem, is_near_object, expected);
   std::vector<ExpectedPair> judged =
       SelectDoubtful(problem, path, is_near_object, expected);
-  for (const ExpectedPair& e : judged) {
-    motion.pair_is_discontinuous[e.pair_idx] = true;
-  }
+  Mask is_discontinuous(num_pairs, false);
+  for (const ExpectedPair& e : judged) is_discontinuous[e.pair_idx] = true;
   ViewGraphOptions of_prediction = verification;
   of_prediction.min_num_inliers =
       std::min(*verification.min_num_inliers, kMinNumPredicted);
@@ -411,22 +408,19 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
     judged = VerifyPairs(problem, path, judged, of_prediction, context,
                          &motion.pair_of_scene);
   }
-  for (const ExpectedPair& e : judged) {
-    motion.pair_is_discontinuous[e.pair_idx] = false;
-  }
-  KeepAgreeing(problem, path, expected, &motion.pair_is_discontinuous);
-  RejectObjects(problem, is_near_object, expected,
-                &motion.pair_is_discontinuous);
+  for (const ExpectedPair& e : judged) is_discontinuous[e.pair_idx] = false;
+  KeepAgreeing(problem, path, expected, &is_discontinuous);
+  RejectObjects(problem, is_near_object, expected, &is_discontinuous);
+  Reject(is_discontinuous, RejectionReason::kDiscontinuousMotion,
+         &motion.verdicts);
   return motion;
 }
 
 // Rejects the pairs whose own poses contradict the path.
 MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
-                           const RotationEstimate& rotations,
                            const AveragedLengths& lengths) {
   const size_t num_pairs = problem.view_graph.pairs.size();
-  MotionOfScene motion;
-  motion.pair_is_discontinuous = Mask(num_pairs, false);
+  Mask is_discontinuous(num_pairs, false);
   for (size_t i = 0; i < num_pairs; ++i) {
     const FramePair& frames = problem.index.Of(i);
     const ImagePair& pair = problem.view_graph.pairs[i];
@@ -442,14 +436,15 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
             path.num_unknown[image2.frame_idx]) {
       continue;
     }
-    const Rigid3 sensor_from_rig{*rotations.sensor_from_rig[image1.sensor_idx],
-                                 Vector3d::Zero()};
+    const Rigid3 sensor_from_rig{
+        *problem.rotations.sensor_from_rig[image1.sensor_idx],
+        Vector3d::Zero()};
     const int frame1 = image1.frame_idx, frame2 = image2.frame_idx;
     const MeasuredMotion rig2_from_rig1 =
         problem.index.order()->IsBefore(frame2, frame1)
             ? path.MeasuredBetween(frame2, frame1).Inverse()
             : path.MeasuredBetween(frame1, frame2);
-    motion.pair_is_discontinuous[i] = !AgreesWithPath(
+    is_discontinuous[i] = !AgreesWithPath(
         problem, path, pair,
         {i,
          sensor_from_rig * rig2_from_rig1.later_from_earlier *
@@ -457,22 +452,45 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
          CovarianceOfExpected(sensor_from_rig.rotation, rig2_from_rig1)},
         lengths.of_pair[i]);
   }
-  if (!motion.pair_is_discontinuous.Any()) return {};
+  if (!is_discontinuous.Any()) return {};
+  MotionOfScene motion;
+  motion.verdicts.resize(num_pairs);
+  Reject(is_discontinuous, RejectionReason::kDiscontinuousMotion,
+         &motion.verdicts);
   return motion;
 }
 
-// Pairs of neighbors across an ambiguous step are discontinuous.
+// Pairs of neighbors across an ambiguous step.
 void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
                      MotionOfScene* motion) {
   AmbiguousSteps steps = FindAmbiguousSteps(index, path);
   motion->frame_is_ambiguous = std::move(steps.frame_is_beside);
   if (!steps.pair_is_across.Any()) return;
-  if (motion->pair_is_discontinuous.empty()) {
-    motion->pair_is_discontinuous = Mask(index.num_pairs(), false);
+  motion->verdicts.resize(index.num_pairs());
+  Reject(steps.pair_is_across, RejectionReason::kAmbiguousMotion,
+         &motion->verdicts);
+}
+
+RigPath FindPathByDepths(const MotionProblem& problem, const Context& context) {
+  return FindRigPath(
+      *problem.index.order(), problem.index.num_frames(),
+      FindHypothesesWithDepths(problem, context),
+      [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
+        return ExclusionOf(problem, earlier, later, a, b);
+      });
+}
+
+RigPath FindPathByPairs(const MotionProblem& problem,
+                        const AveragedLengths& lengths) {
+  std::vector<std::optional<Rigid3>> sensor_from_rig;
+  for (const auto& rotation : problem.rotations.sensor_from_rig) {
+    sensor_from_rig.emplace_back();
+    if (rotation) sensor_from_rig.back() = {*rotation, Vector3d::Zero()};
   }
-  for (size_t i = 0; i < index.num_pairs(); ++i) {
-    if (steps.pair_is_across[i]) motion->pair_is_discontinuous[i] = true;
-  }
+  return FindRigPath(
+      *problem.index.order(), problem.index.num_frames(),
+      FindHypothesesByPairs(problem, sensor_from_rig, lengths.of_pair,
+                            PairDistance::kMeasured));
 }
 
 // The displacement that moves a keypoint by max_error_px, in the median.
@@ -498,16 +516,12 @@ MotionOfScene FindMovingObjects(const MotionInput& input,
   const auto& [scene, bearings, index, view_graph, matches, rotations] = input;
   const auto& [min_parallax_deg, verification, filtering] = options;
   const FrameDepths depths = MeasureFrameDepths(
-      scene, bearings, index, view_graph, rotations, min_parallax_deg,
-      kKeypointNoise * verification.max_error_px, context);
+      input, {min_parallax_deg, kKeypointNoise * verification.max_error_px},
+      context);
   const FramePairIndex matches_index(scene, matches, SequenceMode::kYes);
   const MotionProblem problem{
-      scene,
-      bearings,
-      index,
-      view_graph,
+      input,
       matches_index,
-      matches,
       depths,
       verification.max_error_px,
       filtering.max_relative_baseline_error,
@@ -515,39 +529,23 @@ MotionOfScene FindMovingObjects(const MotionInput& input,
   const bool has_depths = std::any_of(
       depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
       [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
+  RigPath path;
+  MotionOfScene motion;
   if (has_depths) {
-    const RigPath path = FindRigPath(
-        *index.order(), index.num_frames(),
-        FindHypothesesWithDepths(problem, context),
-        [&](int earlier, int later, const Rigid3& motion1,
-            const Rigid3& motion2) {
-          return ExclusionOf(problem, earlier, later, motion1, motion2);
-        });
-    const RigPath refined = RefinePath(problem, path);
-    MotionOfScene motion =
-        JudgeByMatches(problem, refined, verification, context);
+    path = FindPathByDepths(problem, context);
+    motion = JudgeByMatches(problem, RefinePath(problem, path), verification,
+                            context);
+  } else {
+    const AveragedLengths lengths =
+        AverageLengths(problem, min_parallax_deg, context);
+    MotionProblem with_lengths = problem;
+    with_lengths.noise_displacement = lengths.noise_displacement;
+    path = FindPathByPairs(with_lengths, lengths);
+    motion = JudgeByPoses(with_lengths, path, lengths);
+  }
+  if (IsRuleOn(RejectionReason::kAmbiguousMotion, filtering)) {
     RejectAmbiguous(index, path, &motion);
-    motion.loop_contradicts_path =
-        FindLoopsAgainstPath(index, refined, filtering.max_baseline_drift);
-    return motion;
   }
-  const AveragedLengths lengths =
-      AverageLengths(problem, rotations, min_parallax_deg, context);
-  MotionProblem with_lengths = problem;
-  with_lengths.noise_displacement = lengths.noise_displacement;
-  std::vector<std::optional<Rigid3>> sensor_from_rig(scene.sensors.size());
-  for (size_t s = 0; s < sensor_from_rig.size(); ++s) {
-    if (rotations.sensor_from_rig[s]) {
-      sensor_from_rig[s] =
-          Rigid3{*rotations.sensor_from_rig[s], Vector3d::Zero()};
-    }
-  }
-  const RigPath path = FindRigPath(
-      *index.order(), index.num_frames(),
-      FindHypothesesByPairs(with_lengths, sensor_from_rig, lengths.of_pair,
-                            PairDistance::kMeasured));
-  MotionOfScene motion = JudgeByPoses(with_lengths, path, rotations, lengths);
-  RejectAmbiguous(index, path, &motion);
   return motion;
 }
 

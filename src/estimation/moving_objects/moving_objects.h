@@ -7,22 +7,11 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
-#include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
-#include "pair_filtering/frame_pair_index.h"
+#include "moving_objects/frame_depths.h"
 
 namespace mgsfm {
-
-struct MotionInput {
-  const Scene& scene;
-  const Bearings& bearings;
-  const FramePairIndex& index;  // of the view graph
-  const ViewGraph& view_graph;
-  const ViewGraph& matches;
-  const RotationEstimate& rotations;
-};
 
 struct MotionOptions {
   double min_parallax_deg;
@@ -33,14 +22,12 @@ struct MotionOptions {
 // How the static scene moves relative to the rig in a sequence, where matches
 // support other motions, too. All empty if none do.
 struct MotionOfScene {
-  // Per pair of the view graph: its matches do not show the static scene.
-  Mask pair_is_discontinuous;
+  // Per pair of the view graph: its matches do not show the static scene, or
+  // its motion is ambiguous.
+  PairVerdicts verdicts;
   // Per pair: its matches on the static scene, and the relative pose they
   // imply, if both are known.
   std::vector<std::optional<ImagePair>> pair_of_scene;
-  // Per pair: its frames are distant in the sequence, and further apart on the
-  // path than the drift bound of positions allows.
-  Mask loop_contradicts_path;
   // cam2_from_cam1 on the path, for pairs near an object, and the relative
   // poses of pairs within frames, in one unit of length.
   std::vector<std::optional<Rigid3>> pair_on_path;
@@ -56,11 +43,10 @@ struct MotionOfScene {
 //               (motion_hypotheses.h)
 //   path        the smoothest choice (moving_objects/motion_continuity.h)
 //   pairs       of neighbors (pair_filtering/frame_pair_index.h), where
-//   motions
-//               compete: matches that agree with the path, by the epipolar
-//               constraint and by their depths, determine the relative pose
-//               anew. Pairs without enough of them are discontinuous, and so
-//               are those across a step whose motion is ambiguous.
+//               motions compete: matches that agree with the path, by the
+//               epipolar constraint and by their depths, determine the relative
+//               pose anew. Pairs without enough of them are discontinuous;
+//               those across a step whose motion is ambiguous have none.
 //
 // `matches` is the view graph before its estimation: where a vehicle dominates
 // an image, the matches of the static scene are outliers of its pairs.

@@ -19,18 +19,18 @@ std::optional<Vector3d> BaselineByPositions(const ImagePair& pair,
   return *center2 - *center1;
 }
 
-Mask FindInconsistentBaselines(const FramePairIndex& index,
-                               const ViewGraph& view_graph,
+Mask FindInconsistentBaselines(const PairEvidence& evidence,
                                const Mask& is_in_skeleton,
-                               const MeasuredBaselines& measured,
-                               const CameraCenters& centers_by_skeleton,
-                               double max_drift,
-                               const PairFilteringOptions& options) {
+                               const BaselineComparison& by_skeleton,
+                               double max_drift) {
+  const auto& [measured, centers] = by_skeleton;
+  const FramePairIndex& index = evidence.index;
+  const ViewGraph& view_graph = evidence.view_graph;
   MGSFM_CHECK_EQ(measured.size(), view_graph.pairs.size());
   const DriftBound bound(index, view_graph, is_in_skeleton,
-                         [&](size_t i) {
-                           MGSFM_CHECK(measured[i].has_value());
-                           return measured[i]->baseline_in_world.norm();
+                         [&of = by_skeleton.measured](size_t i) {
+                           MGSFM_CHECK(of[i].has_value());
+                           return of[i]->baseline_in_world.norm();
                          },
                          {DriftGrowth::kProportional, max_drift});
   Mask is_inconsistent(measured.size(), false);
@@ -40,14 +40,13 @@ Mask FindInconsistentBaselines(const FramePairIndex& index,
         !index.Of(i).IsBetweenFrames()) {
       continue;
     }
-    const auto baseline =
-        BaselineByPositions(view_graph.pairs[i], centers_by_skeleton);
+    const auto baseline = BaselineByPositions(view_graph.pairs[i], centers);
     if (!baseline) continue;
     ++num_judged;
     is_inconsistent[i] =
         (*baseline - measured[i]->baseline_in_world).norm() >
-        bound.Of(index.Of(i)) +
-            options.max_baseline_error_in_depths * measured[i]->typical_depth;
+        bound.Of(index.Of(i)) + evidence.options.max_baseline_error_in_depths *
+                                    measured[i]->typical_depth;
   }
   if (RejectsTooMany(is_inconsistent.Count(), num_judged)) {
     is_inconsistent.assign(measured.size(), false);
@@ -68,9 +67,9 @@ std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
 }
 
 Mask FindInconsistentPairs(const ViewGraph& view_graph,
-                           const MeasuredBaselines& measured,
-                           const CameraCenters& centers,
+                           const BaselineComparison& comparison,
                            const PairFilteringOptions& options) {
+  const auto& [measured, centers] = comparison;
   MGSFM_CHECK_EQ(measured.size(), view_graph.pairs.size());
   Mask is_inconsistent(measured.size(), false);
   for (size_t i = 0; i < measured.size(); ++i) {
@@ -93,11 +92,10 @@ int CountViolatedSkeletonEdges(const ViewGraph& view_graph,
                                const BaselineComparison& by_skeleton,
                                const BaselineComparison& by_others,
                                const PairFilteringOptions& options) {
-  const auto find_inconsistent = [&](const BaselineComparison& by) {
-    return FindInconsistentPairs(view_graph, by.measured, by.centers, options);
-  };
-  const Mask contradicts_skeleton = find_inconsistent(by_skeleton);
-  const Mask contradicts_others = find_inconsistent(by_others);
+  const Mask contradicts_skeleton =
+      FindInconsistentPairs(view_graph, by_skeleton, options);
+  const Mask contradicts_others =
+      FindInconsistentPairs(view_graph, by_others, options);
   int num_violated = 0;
   for (size_t i = 0; i < is_in_skeleton.size(); ++i) {
     if (!is_in_skeleton[i] || contradicts_skeleton[i]) continue;

@@ -30,6 +30,12 @@ using MeasuredBaselines = std::vector<std::optional<MeasuredBaseline>>;
 // Per image; nullopt for images without a position.
 using CameraCenters = std::vector<std::optional<Eigen::Vector3d>>;
 
+// A set of positions and the measured baselines in its unit of length.
+struct BaselineComparison {
+  MeasuredBaselines measured;
+  CameraCenters centers;
+};
+
 // C = c_2 - c_1 of a pair; nullopt unless both images have a position.
 [[nodiscard]] std::optional<Eigen::Vector3d> BaselineByPositions(
     const ImagePair& pair, const CameraCenters& centers);
@@ -44,13 +50,9 @@ using CameraCenters = std::vector<std::optional<Eigen::Vector3d>>;
 // All pairs of the skeletal graph must have a measured baseline, except those
 // within a frame. None is inconsistent if too many would be (pair_filtering.h).
 // Per pair of the view graph. Cost: a path through a tree for each pair.
-Mask FindInconsistentBaselines(const FramePairIndex& index,
-                               const ViewGraph& view_graph,
-                               const Mask& is_in_skeleton,
-                               const MeasuredBaselines& measured,
-                               const CameraCenters& centers_by_skeleton,
-                               double max_drift,
-                               const PairFilteringOptions& options);
+[[nodiscard]] Mask FindInconsistentBaselines(
+    const PairEvidence& evidence, const Mask& is_in_skeleton,
+    const BaselineComparison& by_skeleton, double max_drift);
 
 // The drift bounds to try, largest first. Duplicate structures within the first
 // bound can outvote the skeletal graph and break the trajectory. The bound is
@@ -64,16 +66,9 @@ std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options);
 //
 // The second condition spares loop closures, which miss by the drift. Per pair
 // of the view graph; false where a baseline or a position is missing.
-Mask FindInconsistentPairs(const ViewGraph& view_graph,
-                           const MeasuredBaselines& measured,
-                           const CameraCenters& centers,
-                           const PairFilteringOptions& options);
-
-// A set of positions and the measured baselines in its unit of length.
-struct BaselineComparison {
-  MeasuredBaselines measured;
-  CameraCenters centers;
-};
+[[nodiscard]] Mask FindInconsistentPairs(const ViewGraph& view_graph,
+                                         const BaselineComparison& comparison,
+                                         const PairFilteringOptions& options);
 
 // Number of pairs of the skeletal graph that its own positions satisfy and
 // other positions violate: they contradict the pair, or do not contain both of

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "geometry/so3.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -12,11 +13,76 @@ namespace {
 
 using Eigen::Vector3d;
 
+// A few correct pairs can be all that show the static scene. Values of 0.8 and
+// 0.95 change errors by at most 5 % (docs/results/constants.md).
+constexpr double kMinShareAgreeing = 0.9;
+// docs/results/constants.md shows turns of sound and of turned steps.
+constexpr double kMinTurn_rad = DegToRad(1.0);
+
+std::optional<Vector3d> CommonDeviation(
+    const std::vector<Vector3d>& deviations) {
+  if (deviations.empty()) return std::nullopt;
+  const Vector3d common = MedianOfCoordinates(deviations);
+  const auto num_agreeing = std::count_if(
+      deviations.begin(), deviations.end(),
+      [&](const auto& e) { return (e - common).norm() < e.norm(); });
+  if (static_cast<double>(num_agreeing) <
+      kMinShareAgreeing * static_cast<double>(deviations.size())) {
+    return std::nullopt;
+  }
+  return common;
+}
+
+// Per frame: the one before it in its sequence; nullopt for the first.
+std::vector<std::optional<int>> PreviousFrames(const FramePairIndex& index) {
+  std::vector<std::optional<int>> previous(index.num_frames());
+  for (const std::vector<int>& sequence : index.order()->sequences()) {
+    for (size_t k = 1; k < sequence.size(); ++k) {
+      previous[sequence[k]] = sequence[k - 1];
+    }
+  }
+  return previous;
+}
+
+// `deviation_of(pair_idx)` is from image 1 to image 2; nullopt for pairs that
+// do not count.
+template <class Function>
+StepDeviations FindCommonDeviations(const PairEvidence& evidence,
+                                    const Function& deviation_of) {
+  const FramePairIndex& index = evidence.index;
+  StepDeviations common(index.num_frames());
+  if (!index.is_sequence()) return common;
+  const std::vector<std::optional<int>> previous = PreviousFrames(index);
+  // Per frame: the deviations of the pairs across the step to it.
+  std::vector<std::vector<Vector3d>> across(index.num_frames());
+  for (size_t i = 0; i < index.num_pairs(); ++i) {
+    const auto& frames = index.Of(i);
+    if (!evidence.pair_is_used[i] || !frames.IsBetweenFrames() ||
+        index.IsLoop(frames)) {
+      continue;
+    }
+    const std::optional<Vector3d> deviation = deviation_of(i);
+    if (!deviation) continue;
+    const ImagePair& pair = evidence.view_graph.pairs[i];
+    int earlier = evidence.scene.images[pair.image_idx1].frame_idx;
+    int later = evidence.scene.images[pair.image_idx2].frame_idx;
+    const bool is_in_order = index.order()->IsBefore(earlier, later);
+    if (!is_in_order) std::swap(earlier, later);
+    for (int f = later; f != earlier; f = *previous[f]) {
+      across[f].push_back(is_in_order ? *deviation : Vector3d(-*deviation));
+    }
+  }
+  for (size_t f = 0; f < common.size(); ++f) {
+    common[f] = CommonDeviation(across[f]);
+  }
+  return common;
+}
+
 // Per frame: the translation of the step to it, if both frames have a position.
-std::vector<std::optional<Vector3d>> StepsOf(
-    const std::vector<std::optional<int>>& previous,
-    const std::vector<std::optional<Vector3d>>& center) {
-  std::vector<std::optional<Vector3d>> steps(center.size());
+StepDeviations StepsOf(const FramePairIndex& index,
+                       const std::vector<std::optional<Vector3d>>& center) {
+  const std::vector<std::optional<int>> previous = PreviousFrames(index);
+  StepDeviations steps(center.size());
   for (size_t f = 0; f < steps.size(); ++f) {
     if (previous[f] && center[f] && center[*previous[f]]) {
       steps[f] = *center[f] - *center[*previous[f]];
@@ -25,7 +91,7 @@ std::vector<std::optional<Vector3d>> StepsOf(
   return steps;
 }
 
-double MedianLength(const std::vector<std::optional<Vector3d>>& steps) {
+double MedianLength(const StepDeviations& steps) {
   std::vector<double> lengths;
   for (const auto& step : steps) {
     if (step) lengths.push_back(step->norm());
@@ -33,43 +99,61 @@ double MedianLength(const std::vector<std::optional<Vector3d>>& steps) {
   return lengths.empty() ? 0.0 : Median(std::move(lengths));
 }
 
+std::optional<Vector3d> TurnOf(const Scene& scene, const ImagePair& pair,
+                               const RotationEstimate& rotations) {
+  const auto rotation1 = rotations.CamFromWorld(scene, pair.image_idx1);
+  const auto rotation2 = rotations.CamFromWorld(scene, pair.image_idx2);
+  const int frame_idx1 = scene.images[pair.image_idx1].frame_idx;
+  const int frame_idx2 = scene.images[pair.image_idx2].frame_idx;
+  if (!rotation1 || !rotation2 ||
+      rotations.component[frame_idx1] != rotations.component[frame_idx2]) {
+    return std::nullopt;
+  }
+  return LogSO3(rotation2->inverse() * pair.relative_pose->cam2_from_cam1 *
+                *rotation1);
+}
+
 }  // namespace
 
 StepDeviations FindDisplacedSteps(
-    const Scene& scene, const FramePairIndex& index,
-    const ViewGraph& view_graph, const Mask& pair_is_used,
-    const BaselineComparison& comparison,
-    const std::vector<std::optional<Vector3d>>& frame_center_in_world,
-    const PairFilteringOptions& options) {
-  StepDeviations displaced(index.num_frames());
-  if (!index.is_sequence() || !options.use_baseline_consistency) {
-    return displaced;
-  }
-  PairDeviations deviations(pair_is_used.size());
-  for (size_t i = 0; i < deviations.size(); ++i) {
-    const auto& measured = comparison.measured[i];
-    const auto baseline =
-        BaselineByPositions(view_graph.pairs[i], comparison.centers);
-    if (!pair_is_used[i] || !measured || !measured->is_comparable ||
-        !baseline) {
-      continue;
-    }
-    deviations[i] = measured->baseline_in_world - *baseline;
-  }
+    const PairEvidence& evidence, const BaselineComparison& comparison,
+    const std::vector<std::optional<Vector3d>>& frame_center_in_world) {
   const StepDeviations common =
-      FindCommonDeviations(scene, index, view_graph, deviations);
-  const std::vector<std::optional<Vector3d>> steps =
-      StepsOf(PreviousFrames(index), frame_center_in_world);
+      FindCommonDeviations(evidence, [&](size_t i) -> std::optional<Vector3d> {
+        const auto& measured = comparison.measured[i];
+        const auto baseline = BaselineByPositions(evidence.view_graph.pairs[i],
+                                                  comparison.centers);
+        if (!measured || !measured->is_comparable || !baseline) {
+          return std::nullopt;
+        }
+        return measured->baseline_in_world - *baseline;
+      });
+  StepDeviations displaced(common.size());
+  if (!evidence.index.is_sequence()) return displaced;
+  const StepDeviations steps = StepsOf(evidence.index, frame_center_in_world);
   const double median_step = MedianLength(steps);
   for (size_t f = 0; f < common.size(); ++f) {
     if (!common[f] || !steps[f]) continue;
     const double length = std::max(
         {steps[f]->norm(), (*steps[f] + *common[f]).norm(), median_step});
-    if (common[f]->norm() > options.max_relative_baseline_error * length) {
+    if (common[f]->norm() >
+        evidence.options.max_relative_baseline_error * length) {
       displaced[f] = common[f];
     }
   }
   return displaced;
+}
+
+Mask FindTurnedSteps(const PairEvidence& evidence,
+                     const RotationEstimate& rotations) {
+  const StepDeviations turns = FindCommonDeviations(evidence, [&](size_t i) {
+    return TurnOf(evidence.scene, evidence.view_graph.pairs[i], rotations);
+  });
+  Mask is_turned(turns.size(), false);
+  for (size_t f = 0; f < turns.size(); ++f) {
+    is_turned[f] = turns[f] && turns[f]->norm() > kMinTurn_rad;
+  }
+  return is_turned;
 }
 
 }  // namespace mgsfm

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -76,6 +77,16 @@ class FramePairIndex {
   std::vector<int> reaches_;  // per rig
   std::vector<FramePair> frame_pairs_;
   std::vector<size_t> frame_pair_of_pair_;  // per image pair
+};
+
+// What a rule judges.
+struct PairEvidence {
+  const Scene& scene;
+  const FramePairIndex& index;  // of the view graph
+  const ViewGraph& view_graph;
+  const Mask& pair_is_used;
+  const PairFilteringOptions& options;
+  int num_threads = 1;
 };
 
 }  // namespace mgsfm

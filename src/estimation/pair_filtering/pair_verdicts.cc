@@ -1,8 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <iterator>
+
 #include "mgsfm/base/error.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 
 namespace mgsfm {
+
+bool IsRuleOn(RejectionReason reason, const PairFilteringOptions& options) {
+  const auto rule =
+      std::find_if(std::begin(kPairRules), std::end(kPairRules),
+                   [&](const PairRule& r) { return r.reason == reason; });
+  MGSFM_CHECK(rule != std::end(kPairRules));
+  return options.*rule->option;
+}
 
 void Reject(const Mask& is_rejected, RejectionReason reason,
             PairVerdicts* verdicts) {
@@ -12,10 +23,12 @@ void Reject(const Mask& is_rejected, RejectionReason reason,
   }
 }
 
-std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts) {
+std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts,
+                                            size_t num_of_fixed_regions) {
   std::vector<RejectionCount> counts;
   for (const auto& [name, reason] : EnumTable<RejectionReason>::kNames) {
-    counts.push_back({reason, 0});
+    const bool is_fixed = reason == RejectionReason::kFixedRegion;
+    counts.push_back({reason, is_fixed ? num_of_fixed_regions : 0});
     for (const auto& verdict : verdicts) {
       counts.back().num_pairs += verdict == reason;
     }

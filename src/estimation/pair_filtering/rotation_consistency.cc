@@ -34,12 +34,11 @@ std::optional<double> DeviationFromSkeleton(
 
 }  // namespace
 
-Mask FindInconsistentRotations(const Scene& scene, const FramePairIndex& index,
-                               const ViewGraph& view_graph,
-                               const Mask& pair_is_used,
+Mask FindInconsistentRotations(const PairEvidence& evidence,
                                const Mask& is_in_skeleton,
-                               const RotationEstimate& by_skeleton,
-                               const PairFilteringOptions& options) {
+                               const RotationEstimate& by_skeleton) {
+  const auto& [scene, index, view_graph, pair_is_used, options, num_threads] =
+      evidence;
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   std::vector<std::optional<double>> deviations(pair_is_used.size());
   std::vector<double> known;

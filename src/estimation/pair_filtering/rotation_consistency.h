@@ -27,11 +27,8 @@ namespace mgsfm {
 // Pairs of frames that the skeleton does not connect are not judged. None is
 // inconsistent if too many would be (pair_filtering.h).
 // Per pair. Cost: a path through a tree for each pair.
-Mask FindInconsistentRotations(const Scene& scene, const FramePairIndex& index,
-                               const ViewGraph& view_graph,
-                               const Mask& pair_is_used,
-                               const Mask& is_in_skeleton,
-                               const RotationEstimate& by_skeleton,
-                               const PairFilteringOptions& options);
+[[nodiscard]] Mask FindInconsistentRotations(
+    const PairEvidence& evidence, const Mask& is_in_skeleton,
+    const RotationEstimate& by_skeleton);
 
 }  // namespace mgsfm

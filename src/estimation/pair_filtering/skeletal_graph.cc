@@ -161,9 +161,9 @@ std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
 
 }  // namespace
 
-Mask SelectSkeletalGraph(const FramePairIndex& index,
-                         const ViewGraph& view_graph, const Mask& pair_is_used,
-                         const PairFilteringOptions& options, int num_threads) {
+Mask SelectSkeletalGraph(const PairEvidence& evidence) {
+  const auto& [scene, index, view_graph, pair_is_used, options, num_threads] =
+      evidence;
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   std::vector<int> num_triplet_consistent;
   if (options.use_triplet_support) {

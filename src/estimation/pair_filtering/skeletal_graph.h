@@ -30,14 +30,13 @@ namespace mgsfm {
 // triplets.
 //
 // If the frames are a sequence, neighbors in time come first: the selection
-// runs on pairs of frames at most two apart, then at most ten, and other pairs
-// only connect what is still apart. A weak cut of the sequence is thus decided
-// by the few correct pairs across it, not by the many of a duplicate structure.
+// runs on pairs of frames at most a fifth of its reach apart, then on all
+// neighbors, and other pairs only connect what is still apart. A weak cut of
+// the sequence is thus decided by the few correct pairs across it, not by the
+// many of a duplicate structure.
 //
 // Per pair; false where pair_is_used is false.
-Mask SelectSkeletalGraph(const FramePairIndex& index,
-                         const ViewGraph& view_graph, const Mask& pair_is_used,
-                         const PairFilteringOptions& options, int num_threads);
+[[nodiscard]] Mask SelectSkeletalGraph(const PairEvidence& evidence);
 
 // The same for known numbers of matches and of triplet-consistent ones, per
 // pair.

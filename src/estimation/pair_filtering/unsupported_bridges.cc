@@ -50,9 +50,8 @@ struct VisitedFrame {
 };
 using DepthFirstForest = std::vector<std::optional<VisitedFrame>>;
 
-LinkGraph BuildLinkGraph(const FramePairIndex& index,
-                         const ViewGraph& view_graph,
-                         const Mask& pair_is_consistent) {
+LinkGraph BuildLinkGraph(const PairEvidence& evidence) {
+  const FramePairIndex& index = evidence.index;
   LinkGraph graph;
   graph.links_of_frame.resize(index.num_frames());
   for (const FramePair& frames : index.frame_pairs()) {
@@ -60,8 +59,9 @@ LinkGraph BuildLinkGraph(const FramePairIndex& index,
     Link link{
         frames.frame_idx1, frames.frame_idx2, 0, index.IsLoop(frames), {}};
     for (const size_t i : frames.pair_idxs) {
-      if (!pair_is_consistent[i]) continue;
-      link.num_matches += static_cast<int>(view_graph.pairs[i].matches.size());
+      if (!evidence.pair_is_used[i]) continue;
+      link.num_matches +=
+          static_cast<int>(evidence.view_graph.pairs[i].matches.size());
       link.pair_idxs.push_back(i);
     }
     if (link.pair_idxs.empty()) continue;
@@ -137,10 +137,9 @@ DepthFirstForest VisitDepthFirst(const LinkGraph& graph) {
 }
 
 // Per link: whether any of its matches is triplet-consistent.
-Mask FindSupportedLinks(const LinkGraph& graph, const ViewGraph& view_graph,
-                        const Mask& pair_is_consistent, int num_threads) {
+Mask FindSupportedLinks(const LinkGraph& graph, const PairEvidence& evidence) {
   const std::vector<int> support = CountTripletConsistentMatches(
-      view_graph, pair_is_consistent, num_threads);
+      evidence.view_graph, evidence.pair_is_used, evidence.num_threads);
   Mask is_supported(graph.links.size(), false);
   for (size_t k = 0; k < graph.links.size(); ++k) {
     const std::vector<size_t>& pair_idxs = graph.links[k].pair_idxs;
@@ -171,13 +170,11 @@ bool IsUnsupportedAmongSupported(const LinkGraph& graph,
 
 // Matches of inconsistent pairs between the frames below `top` and the rest of
 // its component.
-int CountMatchesAgainst(const FramePairIndex& index,
-                        const ViewGraph& view_graph,
-                        const Mask& pair_is_consistent,
+int CountMatchesAgainst(const PairEvidence& evidence,
                         const DepthFirstForest& forest,
                         const VisitedFrame& top) {
   int num_matches = 0;
-  for (const FramePair& frames : index.frame_pairs()) {
+  for (const FramePair& frames : evidence.index.frame_pairs()) {
     const VisitedFrame& visited1 = *forest[frames.frame_idx1];
     const VisitedFrame& visited2 = *forest[frames.frame_idx2];
     if (visited1.root != top.root || visited2.root != top.root ||
@@ -185,22 +182,20 @@ int CountMatchesAgainst(const FramePairIndex& index,
       continue;
     }
     for (const size_t i : frames.pair_idxs) {
-      if (pair_is_consistent[i] || !view_graph.pairs[i].relative_pose) continue;
-      num_matches += static_cast<int>(view_graph.pairs[i].matches.size());
+      const ImagePair& pair = evidence.view_graph.pairs[i];
+      if (evidence.pair_is_used[i] || !pair.relative_pose) continue;
+      num_matches += static_cast<int>(pair.matches.size());
     }
   }
   return num_matches;
 }
 
 // The links without which parts of the frames come apart.
-Mask FindBridges(const FramePairIndex& index, const ViewGraph& view_graph,
-                 const Mask& pair_is_consistent, const LinkGraph& graph,
-                 const PairFilteringOptions& options, int num_threads) {
-  Mask is_unsupported(view_graph.pairs.size(), false);
+Mask FindBridges(const PairEvidence& evidence, const LinkGraph& graph) {
+  Mask is_unsupported(evidence.pair_is_used.size(), false);
   const DepthFirstForest forest = VisitDepthFirst(graph);
   if (!HasBridges(forest)) return is_unsupported;
-  const Mask link_is_supported =
-      FindSupportedLinks(graph, view_graph, pair_is_consistent, num_threads);
+  const Mask link_is_supported = FindSupportedLinks(graph, evidence);
   for (const std::optional<VisitedFrame>& top : forest) {
     if (!top->IsBelowBridge() ||
         !IsUnsupportedAmongSupported(graph, link_is_supported,
@@ -209,9 +204,8 @@ Mask FindBridges(const FramePairIndex& index, const ViewGraph& view_graph,
     }
     const Link& bridge = graph.links[*top->link_to_parent];
     if (!bridge.is_loop &&
-        CountMatchesAgainst(index, view_graph, pair_is_consistent, forest,
-                            *top) <
-            options.min_share_against_bridge * bridge.num_matches) {
+        CountMatchesAgainst(evidence, forest, *top) <
+            evidence.options.min_share_against_bridge * bridge.num_matches) {
       continue;
     }
     for (const size_t i : bridge.pair_idxs) is_unsupported[i] = true;
@@ -240,23 +234,14 @@ void RejectLoopsBetweenParts(const LinkGraph& graph, const Mask& is_loop,
 
 }  // namespace
 
-Mask FindUnsupportedBridges(const FramePairIndex& index,
-                            const ViewGraph& view_graph,
-                            const Mask& pair_is_consistent,
-                            const PairFilteringOptions& options,
-                            int num_threads) {
-  MGSFM_CHECK_EQ(index.num_pairs(), view_graph.pairs.size());
-  MGSFM_CHECK_EQ(pair_is_consistent.size(), view_graph.pairs.size());
-  const LinkGraph graph = BuildLinkGraph(index, view_graph, pair_is_consistent);
+Mask FindUnsupportedBridges(const PairEvidence& evidence) {
+  MGSFM_CHECK_EQ(evidence.index.num_pairs(), evidence.view_graph.pairs.size());
+  MGSFM_CHECK_EQ(evidence.pair_is_used.size(),
+                 evidence.view_graph.pairs.size());
+  const LinkGraph graph = BuildLinkGraph(evidence);
   Mask is_loop = LoopLinks(graph);
-  if (is_loop.Any()) {
-    const Mask is_supported =
-        FindSupportedLinks(graph, view_graph, pair_is_consistent, num_threads);
-    is_loop.Remove(is_supported);
-  }
-  Mask is_unsupported =
-      FindBridges(index, view_graph, pair_is_consistent,
-                  LeaveOut(graph, is_loop), options, num_threads);
+  if (is_loop.Any()) is_loop.Remove(FindSupportedLinks(graph, evidence));
+  Mask is_unsupported = FindBridges(evidence, LeaveOut(graph, is_loop));
   RejectLoopsBetweenParts(graph, is_loop, &is_unsupported);
   return is_unsupported;
 }

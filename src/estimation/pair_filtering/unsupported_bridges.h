@@ -2,8 +2,6 @@
 #pragma once
 
 #include "mgsfm/base/mask.h"
-#include "mgsfm/pair_filtering/pair_filtering.h"
-#include "mgsfm/scene/view_graph.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
@@ -29,13 +27,9 @@ namespace mgsfm {
 // The third condition spares chains in which only neighbors were matched: they
 // have no triplets, and one wrong pair would cut them all.
 //
-// Per pair; false where pair_is_consistent is false. Cost: linear in the links;
+// Consistent pairs are those of pair_is_used. Cost: linear in the links;
 // if some are bridges, in the matches; and the number of bridges without
 // support times the number of inconsistent pairs.
-Mask FindUnsupportedBridges(const FramePairIndex& index,
-                            const ViewGraph& view_graph,
-                            const Mask& pair_is_consistent,
-                            const PairFilteringOptions& options,
-                            int num_threads);
+[[nodiscard]] Mask FindUnsupportedBridges(const PairEvidence& evidence);
 
 }  // namespace mgsfm

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "geometry/so3.h"
-#include "pair_filtering/contested_cuts.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rotation_consistency.h"
 #include "pair_filtering/skeletal_graph.h"
@@ -171,14 +170,14 @@ SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
   SkeletonResult result{std::nullopt, Mask(is_used.size(), false),
                         Mask(is_used.size(), false)};
   if (!filtering.use_skeletal_graph) return result;
-  result.is_in_skeleton = SelectSkeletalGraph(
-      input.index, input.view_graph, is_used, filtering, context.num_threads);
+  const PairEvidence evidence{input.scene, input.index, input.view_graph,
+                              is_used,     filtering,   context.num_threads};
+  result.is_in_skeleton = SelectSkeletalGraph(evidence);
   result.start =
       AverageSkeleton(input, result.is_in_skeleton, options.averaging, context);
-  if (filtering.use_rotation_consistency) {
+  if (IsRuleOn(RejectionReason::kRotationBeyondDriftBound, filtering)) {
     result.is_beyond_drift_bound = FindInconsistentRotations(
-        input.scene, input.index, input.view_graph, is_used,
-        result.is_in_skeleton, *result.start, filtering);
+        evidence, result.is_in_skeleton, *result.start);
   }
   return result;
 }
@@ -186,29 +185,14 @@ SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
 Mask FindBridges(const RotationInput& input, const Mask& pair_is_inlier,
                  const PairFilteringOptions& filtering,
                  const Context& context) {
-  if (!filtering.use_unsupported_bridges) {
+  if (!IsRuleOn(RejectionReason::kUnsupportedBridge, filtering)) {
     return Mask(pair_is_inlier.size(), false);
   }
   Mask is_bridge =
-      FindUnsupportedBridges(input.index, input.view_graph, pair_is_inlier,
-                             filtering, context.num_threads);
+      FindUnsupportedBridges({input.scene, input.index, input.view_graph,
+                              pair_is_inlier, filtering, context.num_threads});
   LogBridges(input.scene, input.view_graph, is_bridge, context);
   return is_bridge;
-}
-
-// Rejects the pairs that contradict the motion of the rig, if it is known, and
-// the loop pairs that would join parts by themselves.
-void RejectByMotion(const RotationInput& input, Mask* is_used,
-                    PairVerdicts* verdicts) {
-  if (input.pair_is_discontinuous.empty()) return;
-  is_used->Remove(input.pair_is_discontinuous);
-  Reject(input.pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
-         verdicts);
-  const Mask is_loop_across = FindLoopsAcrossContestedCuts(
-      input.index, *is_used, input.pair_is_discontinuous,
-      input.loop_contradicts_path);
-  is_used->Remove(is_loop_across);
-  Reject(is_loop_across, RejectionReason::kUnsupportedBridge, verdicts);
 }
 
 }  // namespace
@@ -222,7 +206,10 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
   result.verdicts.resize(view_graph.pairs.size());
   Mask is_used = PairsWithRelativePose(view_graph);
   Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
-  RejectByMotion(input, &is_used, &result.verdicts);
+  for (size_t i = 0; i < input.verdicts.size(); ++i) {
+    if (!result.verdicts[i]) result.verdicts[i] = input.verdicts[i];
+    if (input.verdicts[i]) is_used[i] = false;
+  }
   if (!is_used.Any()) {
     return NothingToAverage(input, std::move(result.verdicts), context);
   }

@@ -21,9 +21,8 @@ struct RotationInput {
   const ViewGraph& view_graph;
   const FramePairIndex& index;  // of the view graph
   const GravityPriors& gravity = kNoGravity;
-  // Per pair; empty: none.
-  Mask pair_is_discontinuous = {};
-  Mask loop_contradicts_path = {};
+  // Of earlier rules, per pair; empty: none is rejected.
+  PairVerdicts verdicts = {};
 };
 
 struct RotationOptions {
@@ -51,8 +50,7 @@ struct EstimatedRotations {
 // they cost more than 5 % of the pairs that agree without them: wrong priors
 // would disconnect the frames. Without any relative
 // pose the estimate contains nothing but known sensors, and a warning says so.
-// Pairs that contradict the motion of the rig (moving_objects.h) are rejected
-// first, and loop pairs that contradict it do not join parts.
+// Pairs that earlier rules rejected (moving_objects.h) take no part.
 [[nodiscard]] EstimatedRotations EstimateRotations(
     const RotationInput& input, const RotationOptions& options,
     const Context& context);

@@ -127,23 +127,6 @@ void CountTracks(const ConfidenceInput& input, const FrameCuts& cuts,
   evidence->num_ties = ties.Finish();
 }
 
-// The points of a frame that another side of a cut observes `num_frames` times.
-int NumPointsOf(const ConfidenceInput& input, int frame_idx,
-                const std::vector<int>& other_side, int num_frames) {
-  int number = 0;
-  for (const Point3D& point : input.reconstruction.points) {
-    const std::vector<int> frames = FramesOf(input.scene, point);
-    if (!std::binary_search(frames.begin(), frames.end(), frame_idx)) continue;
-    const auto num_other =
-        std::count_if(frames.begin(), frames.end(), [&](int frame) {
-          return std::binary_search(other_side.begin(), other_side.end(),
-                                    frame);
-        });
-    if (num_other >= num_frames) ++number;
-  }
-  return number;
-}
-
 // The cuts that fewer than `min_num_ties` points tie. No point has two frames
 // of a side of one frame, nor of a side that only a weaker cut makes larger:
 // there, the points that two frames of the other side observe are the ties.
@@ -167,8 +150,9 @@ Mask FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
     if (num_edges[below] == 1 || num_edges[above] == 1) {
       const bool is_below = num_edges[below] == 1;
       const int num_required = num_edges[is_below ? above : below] > 1 ? 2 : 1;
-      num_ties[k] = NumPointsOf(input, is_below ? below : above,
-                                cuts.FramesOfSide(k, !is_below), num_required);
+      num_ties[k] = CountTies(input.scene, input.reconstruction,
+                              {is_below ? below : above},
+                              cuts.FramesOfSide(k, !is_below), num_required);
       if (num_ties[k] >= min_num_ties) continue;
     }
     has_few[k] = true;
@@ -344,6 +328,26 @@ Seam MakeSeam(const FrameCuts& cuts, const CutEvidence& evidence,
 }
 
 }  // namespace
+
+int CountTies(const Scene& scene, const Reconstruction& reconstruction,
+              const std::vector<int>& side1, const std::vector<int>& side2,
+              int min_num_frames) {
+  int num_ties = 0;
+  for (const Point3D& point : reconstruction.points) {
+    const std::vector<int> frames = FramesOf(scene, point);
+    const auto is_on = [&](const std::vector<int>& side) {
+      const auto num_on_side =
+          std::count_if(frames.begin(), frames.end(), [&](int frame) {
+            return std::binary_search(side.begin(), side.end(), frame);
+          });
+      return num_on_side >=
+             std::min<std::ptrdiff_t>(min_num_frames,
+                                      static_cast<std::ptrdiff_t>(side.size()));
+    };
+    if (is_on(side1) && is_on(side2)) ++num_ties;
+  }
+  return num_ties;
+}
 
 Confidence EstimateConfidence(const ConfidenceInput& input,
                               const ConfidenceOptions& options) {

@@ -27,6 +27,12 @@ struct ConfidenceInput {
   std::vector<std::pair<int, int>> confirmed = {};
 };
 
+// The points that `min_num_frames` frames of each of two sides observe, or all
+// frames of a smaller side. Sides are sorted.
+int CountTies(const Scene& scene, const Reconstruction& reconstruction,
+              const std::vector<int>& side1, const std::vector<int>& side2,
+              int min_num_frames = 2);
+
 // See mgsfm/seams/confidence.h. Seams have no standard deviations. Cost:
 // linear in matches and observations, times the depth of the tree for pairs of
 // distant frames.

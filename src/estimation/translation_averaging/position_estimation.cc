@@ -9,7 +9,6 @@
 #include "pair_filtering/baseline_consistency.h"
 #include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/skeletal_graph.h"
-#include "pair_filtering/turned_steps.h"
 #include "translation_averaging/measured_baselines.h"
 #include "translation_averaging/pose_graph.h"
 #include "translation_averaging/translation_stages.h"
@@ -47,6 +46,13 @@ InitialPositions InitializeWith(const TranslationState& state,
       options, context);
 }
 
+PairEvidence EvidenceOf(const PositionInput& input, const Mask& pair_is_used,
+                        const PairFilteringOptions& options,
+                        int num_threads = 1) {
+  return {input.scene,  input.index, input.view_graph,
+          pair_is_used, options,     num_threads};
+}
+
 PositionSkeleton FindSkeleton(const PositionInput& input,
                               const TranslationState& state,
                               const PositionOptions& options,
@@ -56,9 +62,8 @@ PositionSkeleton FindSkeleton(const PositionInput& input,
   for (size_t i = 0; i < is_candidate.size(); ++i) {
     is_candidate[i] = baselines[i].kind == BaselineKind::kDirection;
   }
-  Mask is_in_skeleton =
-      SelectSkeletalGraph(input.index, input.view_graph, is_candidate,
-                          options.filtering, context.num_threads);
+  Mask is_in_skeleton = SelectSkeletalGraph(
+      EvidenceOf(input, is_candidate, options.filtering, context.num_threads));
   // Pairs without parallax also place the frames of the skeleton.
   Mask pair_is_used = is_in_skeleton;
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
@@ -77,7 +82,8 @@ void ScreenAndInitialize(const PositionInput& input,
                          const InitializationOptions& initialization,
                          const Context& context, TranslationState* state) {
   const PairFilteringOptions& filtering = options.filtering;
-  if (!filtering.use_skeletal_graph || !filtering.use_baseline_drift_bound) {
+  if (!filtering.use_skeletal_graph ||
+      !IsRuleOn(RejectionReason::kBaselineBeyondDriftBound, filtering)) {
     state->initial =
         InitializeWith(*state, state->pair_is_used, initialization, context);
     return;
@@ -91,8 +97,8 @@ void ScreenAndInitialize(const PositionInput& input,
   for (const double drift_bound : BaselineDriftBounds(filtering)) {
     Mask pair_is_used = all;
     pair_is_used.Remove(FindInconsistentBaselines(
-        input.index, input.view_graph, skeleton.is_in_skeleton,
-        by_skeleton.measured, by_skeleton.centers, drift_bound, filtering));
+        EvidenceOf(input, all, filtering), skeleton.is_in_skeleton, by_skeleton,
+        drift_bound));
     InitialPositions initial =
         InitializeWith(*state, pair_is_used, initialization, context);
     const int num_violated = CountViolatedSkeletonEdges(
@@ -113,13 +119,12 @@ void ScreenAndInitialize(const PositionInput& input,
 // Pairs whose baselines contradict the positions.
 Mask FindInconsistent(const PositionInput& input, const TranslationState& state,
                       const PairFilteringOptions& options) {
-  if (!options.use_baseline_consistency) {
+  if (!IsRuleOn(RejectionReason::kInconsistentBaseline, options)) {
     return Mask(input.view_graph.pairs.size(), false);
   }
-  const BaselineComparison by_positions =
-      CompareMeasured(state, state.initial, state.placed.positions);
-  return FindInconsistentPairs(input.view_graph, by_positions.measured,
-                               by_positions.centers, options);
+  return FindInconsistentPairs(
+      input.view_graph,
+      CompareMeasured(state, state.initial, state.placed.positions), options);
 }
 
 // The step "judge". All pairs are judged, also those rejected before: the final
@@ -134,11 +139,11 @@ PositionResult JudgePairs(const PositionInput& input,
   result.pair_is_inconsistent = FindInconsistent(input, state, options);
   result.summary.num_pairs_inconsistent_with_positions =
       static_cast<int>(result.pair_is_inconsistent.Count());
+  if (!IsRuleOn(RejectionReason::kInconsistentBaseline, options)) return result;
   const StepDeviations displaced = FindDisplacedSteps(
-      input.scene, input.index, input.view_graph,
-      input.rotations.pair_is_inlier,
+      EvidenceOf(input, input.rotations.pair_is_inlier, options),
       CompareMeasured(state, state.initial, state.placed.positions),
-      result.estimate.frame_center_in_world, options);
+      result.estimate.frame_center_in_world);
   for (const auto& deviation : displaced) {
     if (!deviation) continue;
     ++result.summary.num_displaced_steps;
@@ -200,6 +205,9 @@ PositionsByRotations EstimateByRotations(const PositionObjective& objective,
                           options.averaging, context, &hooks);
   by_rotations.result = JudgePairs(input, by_rotations.state,
                                    std::move(averaged), options.filtering);
+  Mask& is_beyond = by_rotations.result.pair_is_beyond_drift_bound;
+  is_beyond = by_rotations.result.pair_is_inconsistent;
+  is_beyond.Remove(by_rotations.pair_is_screened);
   return by_rotations;
 }
 
@@ -220,13 +228,12 @@ RotationEstimate CorrectRotations(const ViewGraph& view_graph,
 // Whether rotations turn steps of the sequence that the rotations of the input
 // do not: a pose graph can tear a step that few pairs cross.
 bool TurnsMoreSteps(const PositionInput& input,
+                    const PairFilteringOptions& options,
                     const RotationEstimate& rotations) {
-  const auto count = [&](const RotationEstimate& r) {
-    return FindTurnedSteps(input.scene, input.index, input.view_graph,
-                           input.rotations.pair_is_inlier, r)
-        .Count();
-  };
-  return count(rotations) > count(input.rotations);
+  const PairEvidence evidence =
+      EvidenceOf(input, input.rotations.pair_is_inlier, options);
+  return FindTurnedSteps(evidence, rotations).Count() >
+         FindTurnedSteps(evidence, input.rotations).Count();
 }
 
 // Whether corrected rotations displace steps less and place as many frames.
@@ -260,7 +267,7 @@ PositionResult EstimatePositions(const PositionInput& input,
        ++i) {
     RotationEstimate corrected =
         CorrectRotations(input.view_graph, rotations, best, context);
-    if (TurnsMoreSteps(input, corrected)) break;
+    if (TurnsMoreSteps(input, options.filtering, corrected)) break;
     // The observer knows only the rotations of the input.
     PositionsByRotations next = EstimateByRotations(
         kNonBilinearObjective,

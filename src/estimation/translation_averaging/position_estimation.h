@@ -38,7 +38,7 @@ namespace mgsfm {
 // rotations have drifted. A pose graph (translation_averaging/pose_graph.h)
 // corrects them, and all steps are repeated: at most three times, as long as
 // that reduces the displacement, places as many frames and turns no step
-// (pair_filtering/turned_steps.h).
+// (pair_filtering/displaced_steps.h).
 
 struct PositionInput {
   const Scene& scene;
@@ -62,8 +62,10 @@ struct PositionOptions {
 struct PositionResult {
   PositionEstimate estimate;
   TranslationSummary summary;
-  // Per pair of the view graph: its measured baseline contradicts the estimate.
+  // Per pair of the view graph: its measured baseline contradicts the estimate;
+  // it did so, beyond the drift bound, with the positions of the skeleton, too.
   Mask pair_is_inconsistent;
+  Mask pair_is_beyond_drift_bound;
   // Sum of the deviations of displaced steps, in the unit of measured lengths.
   double displacement = 0.0;
   // Per frame: the rotations of the estimate, if not those of the input.

@@ -126,7 +126,8 @@ std::vector<RejectedGroup> FindRejectedGroups(const VerifiedPairs& pairs,
         pair.relative_pose && rotations.CamFromWorld(scene, pair.image_idx1) &&
         rotations.CamFromWorld(scene, pair.image_idx2);
     if (is_rotation_known && !rotations.pair_is_inlier[i] &&
-        verdicts[i] != RejectionReason::kDiscontinuousMotion) {
+        verdicts[i] != RejectionReason::kDiscontinuousMotion &&
+        verdicts[i] != RejectionReason::kAmbiguousMotion) {
       is_rejected[i] = true;
     }
   }

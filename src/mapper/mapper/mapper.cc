@@ -68,7 +68,8 @@ MotionOfScene RemoveMovingObjects(const Run& run, const FramePairIndex& index,
                                   EstimatedRotations* rotations,
                                   std::vector<StageTime>* times) {
   const MapperOptions& options = run.options;
-  if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
+  if (!index.is_sequence() || !IsRuleOn(RejectionReason::kDiscontinuousMotion,
+                                        options.pair_filtering)) {
     return {};
   }
   const RunningStage stage("moving objects", run.context);
@@ -79,13 +80,12 @@ MotionOfScene RemoveMovingObjects(const Run& run, const FramePairIndex& index,
                          options.view_graph, options.pair_filtering},
                         run.context);
   stage.Finish(times);
-  if (motion.pair_is_discontinuous.empty()) return {};
+  if (motion.verdicts.empty()) return {};
   UseStaticPairs(run.context, &motion, pairs);
-  *rotations = AverageAllRotations(
-      run,
-      {run.scene, pairs->view_graph, index, run.input.gravity_priors,
-       motion.pair_is_discontinuous, motion.loop_contradicts_path},
-      times);
+  *rotations = AverageAllRotations(run,
+                                   {run.scene, pairs->view_graph, index,
+                                    run.input.gravity_priors, motion.verdicts},
+                                   times);
   return motion;
 }
 
@@ -137,6 +137,8 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
     model->translation.is_metric &=
         std::any_of(scene.sensors.begin(), scene.sensors.end(), HasKnownLength);
   }
+  Reject(positions.pair_is_beyond_drift_bound,
+         RejectionReason::kBaselineBeyondDriftBound, measured.verdicts);
   Reject(positions.pair_is_inconsistent, RejectionReason::kInconsistentBaseline,
          measured.verdicts);
   return positions;
@@ -223,7 +225,8 @@ void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
                           &rotations.verdicts,
                           &calibration};
   result->models = MapComponents(run, measured, rotations.estimate);
-  result->rejected_pairs = CountRejections(rotations.verdicts);
+  result->rejected_pairs =
+      CountRejections(rotations.verdicts, pairs->num_of_fixed_regions);
   KeepLargeModels(run.scene, rotations, motion.frame_is_ambiguous, run.options,
                   result);
   result->rotation = std::move(rotations.summary);

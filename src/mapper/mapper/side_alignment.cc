@@ -168,23 +168,6 @@ std::optional<Rigid3> FindMotionOfSide(const SeamTest& test) {
   return std::nullopt;
 }
 
-// The points that two frames of each side observe, or that a side of one frame
-// and two others do.
-int CountTies(const Scene& scene, const Mask& frame_is_beyond,
-              const MapperModel& model) {
-  const size_t num_required = std::min<size_t>(2, frame_is_beyond.Count());
-  int num_ties = 0;
-  for (const Point3D& point : model.reconstruction.points) {
-    std::set<int> core, beyond;
-    for (const Observation& o : point.track) {
-      const int frame = scene.images[o.image_idx].frame_idx;
-      (frame_is_beyond[frame] ? beyond : core).insert(frame);
-    }
-    if (core.size() >= 2 && beyond.size() >= num_required) ++num_ties;
-  }
-  return num_ties;
-}
-
 // The model with the side beyond the seam moved, and triangulated again.
 MapperModel Realign(const SeamTest& test, const MapperModel& model,
                     const Rigid3& beyond_from_core, Mask* pair_is_used) {
@@ -225,6 +208,14 @@ void RealignSides(const FramePairIndex& index, const MapperOptions& options,
     }
     Mask frame_is_beyond(input->scene.frames.size(), false);
     for (const int i : seam.frame_idxs_beyond) frame_is_beyond[i] = true;
+    std::vector<int> core;
+    for (size_t i = 0; i < frame_is_beyond.size(); ++i) {
+      if (!frame_is_beyond[i]) core.push_back(static_cast<int>(i));
+    }
+    const auto count_ties = [&](const MapperModel& m) {
+      return CountTies(input->scene, m.reconstruction, core,
+                       seam.frame_idxs_beyond);
+    };
     const SeamTest test{
         *input,
         bearings,
@@ -238,10 +229,7 @@ void RealignSides(const FramePairIndex& index, const MapperOptions& options,
     if (!motion) continue;
     Mask pair_is_used = input->pair_is_used;
     MapperModel realigned = Realign(test, *model, *motion, &pair_is_used);
-    if (!IsSignificant(CountTies(input->scene, frame_is_beyond, realigned),
-                       CountTies(input->scene, frame_is_beyond, *model))) {
-      continue;
-    }
+    if (!IsSignificant(count_ties(realigned), count_ties(*model))) continue;
     realigned.confidence = confidence_of(pair_is_used, realigned);
     context.Info("the side of " +
                  std::to_string(seam.frame_idxs_beyond.size()) +

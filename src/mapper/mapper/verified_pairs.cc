@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/verified_pairs.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <string>
 #include <utility>
@@ -45,7 +46,9 @@ VerifiedPairs VerifyAllPairs(const Scene& scene, const ViewGraph& matches,
   pairs.bearings = ComputeBearings(scene, context.num_threads);
   stage.Finish(&result->times);
   VerifyMatches("view graph", options, context, &pairs, result);
-  if (!options.pair_filtering.use_fixed_regions) return pairs;
+  if (!IsRuleOn(RejectionReason::kFixedRegion, options.pair_filtering)) {
+    return pairs;
+  }
   const FixedRegions regions =
       FindFixedRegions(scene, pairs.bearings,
                        FramePairIndex(scene, pairs.view_graph,
@@ -54,7 +57,12 @@ VerifiedPairs VerifyAllPairs(const Scene& scene, const ViewGraph& matches,
   if (!regions.Any()) return pairs;
   result->fixed_regions = ListFixedRegions(regions);
   pairs.visible_matches = DropFixedRegions(scene, regions, matches, context);
+  const ViewGraph with_regions = std::move(pairs.view_graph);
   VerifyMatches("visible view graph", options, context, &pairs, result);
+  for (const ImagePair& pair : with_regions.pairs) {
+    pairs.num_of_fixed_regions +=
+        FindPair(pairs.view_graph, pair.image_idx1, pair.image_idx2) == nullptr;
+  }
   return pairs;
 }
 
@@ -65,7 +73,9 @@ void UseStaticPairs(const Context& context, MotionOfScene* motion,
   for (size_t i = 0; i < pair_of_scene.size(); ++i) {
     if (pair_of_scene[i]) view_graph.pairs[i] = std::move(*pair_of_scene[i]);
   }
-  const size_t num_pairs = motion->pair_is_discontinuous.Count();
+  const auto num_pairs =
+      std::count_if(motion->verdicts.begin(), motion->verdicts.end(),
+                    [](const auto& verdict) { return verdict.has_value(); });
   if (num_pairs == 0) return;
   context.Info(std::to_string(num_pairs) + " of " +
                std::to_string(view_graph.pairs.size()) +

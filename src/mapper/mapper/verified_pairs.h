@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
 #include <optional>
 
 #include "mgsfm/base/context.h"
@@ -21,6 +22,7 @@ struct VerifiedPairs {
   ViewGraph view_graph = {};  // relative poses and their inliers
   // Those outside image regions that are fixed to the rig; nullopt: all.
   std::optional<ViewGraph> visible_matches = std::nullopt;
+  size_t num_of_fixed_regions = 0;  // pairs that only all matches verify
 
   const ViewGraph& matches() const {
     return visible_matches ? *visible_matches : all_matches;

@@ -21,9 +21,10 @@ FrameDepths Measure(const Simulation& simulation, int num_threads = 1) {
   const EstimatedRotations rotations = EstimateRotations(
       {scene, simulation.view_graph, index},
       {RotationAveragingOptions(), PairFilteringOptions()}, Context());
-  return MeasureFrameDepths(scene, ComputeBearings(scene, scene.cameras, 1),
-                            index, simulation.view_graph, rotations.estimate,
-                            kMinParallaxDeg, 1.0, Threads(num_threads));
+  return MeasureFrameDepths(
+      {scene, ComputeBearings(scene, scene.cameras, 1), index,
+       simulation.view_graph, simulation.view_graph, rotations.estimate},
+      {kMinParallaxDeg, 1.0}, Threads(num_threads));
 }
 
 // The places of the sensors are those of the rig up to one factor. Side cameras

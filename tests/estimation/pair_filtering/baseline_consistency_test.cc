@@ -32,14 +32,18 @@ struct Row {
   }
   // One entry per pair that does not connect neighbors.
   Mask Inconsistent(double max_drift) const {
-    const Mask all = FindInconsistentBaselines(
-        FramePairIndex(scene, view_graph), view_graph, is_in_skeleton,
-        by_skeleton.measured, by_skeleton.centers, max_drift, {});
+    const FramePairIndex index(scene, view_graph);
+    const Mask is_used(view_graph.pairs.size(), true);
+    const PairFilteringOptions options;
+    const Mask all =
+        FindInconsistentBaselines({scene, index, view_graph, is_used, options},
+                                  is_in_skeleton, by_skeleton, max_drift);
     return Mask(all.begin() + static_cast<int>(scene.frames.size()) - 1,
                 all.end());
   }
   Mask Contradicting(const CameraCenters& centers) const {
-    return FindInconsistentPairs(view_graph, by_skeleton.measured, centers, {});
+    return FindInconsistentPairs(view_graph, {by_skeleton.measured, centers},
+                                 {});
   }
   int CountViolated(const CameraCenters& centers) const {
     return CountViolatedSkeletonEdges(view_graph, is_in_skeleton, by_skeleton,

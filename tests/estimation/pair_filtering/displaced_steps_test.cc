@@ -77,9 +77,11 @@ class StraightDrive {
   }
 
   StepDeviations Find(SequenceMode mode = SequenceMode::kYes) const {
-    return FindDisplacedSteps(scene_, FramePairIndex(scene_, view_graph_, mode),
-                              view_graph_, Mask(view_graph_.pairs.size(), true),
-                              {measured_, centers_}, centers_, {});
+    const FramePairIndex index(scene_, view_graph_, mode);
+    const Mask all(view_graph_.pairs.size(), true);
+    const PairFilteringOptions options;
+    return FindDisplacedSteps({scene_, index, view_graph_, all, options},
+                              {measured_, centers_}, centers_);
   }
   int FrameOf(int rank) const { return order_[rank]; }
 

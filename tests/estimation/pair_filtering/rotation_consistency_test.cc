@@ -38,10 +38,11 @@ struct Row {
   }
   // Per pair that is not one of neighbors.
   Mask Inconsistent(const PairFilteringOptions& options = {}) const {
-    const Mask all = FindInconsistentRotations(
-        scene, FramePairIndex(scene, view_graph), view_graph,
-        Mask(view_graph.pairs.size(), true), is_in_skeleton, by_skeleton,
-        options);
+    const FramePairIndex index(scene, view_graph);
+    const Mask is_used(view_graph.pairs.size(), true);
+    const Mask all =
+        FindInconsistentRotations({scene, index, view_graph, is_used, options},
+                                  is_in_skeleton, by_skeleton);
     return Mask(all.begin() + static_cast<int>(scene.frames.size()) - 1,
                 all.end());
   }

@@ -43,9 +43,10 @@ void AddPair(int image_idx1, int image_idx2, uint32_t num_matches,
 
 Mask Select(const Scene& scene, const ViewGraph& view_graph,
             SequenceMode sequence = SequenceMode::kNo) {
-  return SelectSkeletalGraph(FramePairIndex(scene, view_graph, sequence),
-                             view_graph, Mask(view_graph.pairs.size(), true),
-                             {}, 1);
+  const FramePairIndex index(scene, view_graph, sequence);
+  const Mask all(view_graph.pairs.size(), true);
+  const PairFilteringOptions options;
+  return SelectSkeletalGraph({scene, index, view_graph, all, options});
 }
 
 TEST(SkeletalGraph, ContainsNeighborsAndNoDuplicates) {
@@ -123,9 +124,11 @@ TEST(SkeletalGraph, ContainsNoUnusedPairs) {
   ViewGraph view_graph;
   AddPair(0, 1, 100, &view_graph);
   AddPair(1, 2, 50, &view_graph);
-  EXPECT_EQ(SelectSkeletalGraph(FramePairIndex(scene, view_graph), view_graph,
-                                {false, true}, {}, 1),
-            (Mask{false, true}));
+  const FramePairIndex index(scene, view_graph);
+  const Mask second{false, true};
+  const PairFilteringOptions options;
+  EXPECT_EQ(SelectSkeletalGraph({scene, index, view_graph, second, options}),
+            second);
 }
 
 // Two stretches of a drive with one weak pair between them. Duplicate

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pair_filtering/turned_steps.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -10,6 +8,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "pair_filtering/displaced_steps.h"
 #include "support/orders.h"
 #include "support/single_image_frames.h"
 
@@ -68,8 +67,10 @@ class TurningDrive {
   }
 
   Mask Find(SequenceMode mode = SequenceMode::kYes) const {
-    return FindTurnedSteps(scene_, FramePairIndex(scene_, view_graph_, mode),
-                           view_graph_, Mask(view_graph_.pairs.size(), true),
+    const FramePairIndex index(scene_, view_graph_, mode);
+    const Mask all(view_graph_.pairs.size(), true);
+    const PairFilteringOptions options;
+    return FindTurnedSteps({scene_, index, view_graph_, all, options},
                            estimate_);
   }
   int FrameOf(int rank) const { return order_[rank]; }

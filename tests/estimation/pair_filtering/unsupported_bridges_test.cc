@@ -37,9 +37,10 @@ class Graph {
 
   std::vector<size_t> UnsupportedPairs(
       SequenceMode sequence = SequenceMode::kNo) const {
-    const Mask is_unsupported =
-        FindUnsupportedBridges(FramePairIndex(scene_, view_graph_, sequence),
-                               view_graph_, is_consistent_, {}, 1);
+    const FramePairIndex index(scene_, view_graph_, sequence);
+    const PairFilteringOptions options;
+    const Mask is_unsupported = FindUnsupportedBridges(
+        {scene_, index, view_graph_, is_consistent_, options});
     std::vector<size_t> unsupported;
     for (size_t i = 0; i < is_unsupported.size(); ++i) {
       if (is_unsupported[i]) unsupported.push_back(i);
