@@ -135,14 +135,11 @@ struct BundleAdjustmentOptions {
   // Refined distortion parameters of larger magnitude are reported as
   // implausible.
   double max_extra_param = 1.0;
-  Option<double> sensor_from_rig_prior_sigma_deg{
-      "sensor_from_rig_prior_sigma_deg", 0.1, GreaterThan(0.0), "deg",
-      "Set the standard deviation of prior sensor_from_rig rotations that are "
-      "refined."};
-  Option<double> sensor_from_rig_prior_sigma{
-      "sensor_from_rig_prior_sigma", 0.01, GreaterThan(0.0),
-      "Set the standard deviation of prior sensor_from_rig translations that "
-      "are refined, as a fraction of the largest one in the rig."};
+  // Standard deviation of prior sensor_from_rig rotations that are refined.
+  double sensor_from_rig_prior_sigma_deg = 0.1;
+  // Standard deviation of prior sensor_from_rig translations that are refined,
+  // as a fraction of the largest one in the rig.
+  double sensor_from_rig_prior_sigma = 0.01;
   // Scale of the Cauchy loss of measured positions. 2.8 is the 95 % quantile of
   // 3D normal noise.
   double prior_position_loss_scale = 2.8;
@@ -197,9 +194,8 @@ struct BundleAdjustmentOptions {
   void Describe(Visitor& visit) {
     visit(max_num_iterations, function_tolerance, refine_rig_from_world,
           refine_sensor_from_rig, refine_focal_length, refine_principal_point,
-          refine_extra_params, focal_length_prior_sigma,
-          sensor_from_rig_prior_sigma_deg, sensor_from_rig_prior_sigma,
-          max_max_error_px, min_triangulation_angle_deg, min_track_share);
+          refine_extra_params, focal_length_prior_sigma, max_max_error_px,
+          min_triangulation_angle_deg, min_track_share);
   }
 };
 

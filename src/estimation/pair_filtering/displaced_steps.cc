@@ -156,4 +156,27 @@ Mask FindTurnedSteps(const PairEvidence& evidence,
   return is_turned;
 }
 
+Mask FindTurningLoops(const PairEvidence& evidence,
+                      const Mask& step_is_turned) {
+  const FramePairIndex& index = evidence.index;
+  Mask is_turning(index.num_pairs(), false);
+  if (!index.is_sequence()) return is_turning;
+  // Per frame: the number of turned steps up to it.
+  std::vector<int> num_turned(index.num_frames(), 0);
+  for (const std::vector<int>& sequence : index.order()->sequences()) {
+    int num_steps = 0;
+    for (const int frame : sequence) {
+      if (step_is_turned[frame]) ++num_steps;
+      num_turned[frame] = num_steps;
+    }
+  }
+  for (size_t i = 0; i < is_turning.size(); ++i) {
+    const FramePairIndex::FramePair& frames = index.Of(i);
+    is_turning[i] =
+        evidence.pair_is_used[i] && frames.time_gap && index.IsLoop(frames) &&
+        num_turned[frames.frame_idx1] != num_turned[frames.frame_idx2];
+  }
+  return is_turning;
+}
+
 }  // namespace mgsfm

@@ -56,4 +56,9 @@ using StepDeviations = std::vector<std::optional<Eigen::Vector3d>>;
 [[nodiscard]] Mask FindTurnedSteps(const PairEvidence& evidence,
                                    const RotationEstimate& rotations);
 
+// The used loop pairs of one sequence with a turned step between their frames.
+// Per pair.
+[[nodiscard]] Mask FindTurningLoops(const PairEvidence& evidence,
+                                    const Mask& step_is_turned);
+
 }  // namespace mgsfm

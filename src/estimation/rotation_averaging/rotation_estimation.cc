@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "geometry/so3.h"
+#include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rotation_consistency.h"
 #include "pair_filtering/skeletal_graph.h"
@@ -182,6 +183,30 @@ SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
   return result;
 }
 
+// Averages without the loop pairs that turn steps of a sequence: again, until
+// no step is turned by a loop. Removes them from the used pairs.
+AveragedRotations AverageWithoutTurningLoops(const RotationInput& input,
+                                             const SkeletonResult& skeleton,
+                                             const RotationOptions& options,
+                                             const Context& context,
+                                             Mask* is_used) {
+  while (true) {
+    AveragedRotations averaged = AverageWithGravity(
+        input, *is_used, skeleton.start ? &*skeleton.start : nullptr,
+        options.averaging, context);
+    if (!IsRuleOn(RejectionReason::kTurningLoop, options.filtering)) {
+      return averaged;
+    }
+    const PairEvidence evidence{input.scene,       input.index,
+                                input.view_graph,  *is_used,
+                                options.filtering, context.num_threads};
+    const Mask is_turning = FindTurningLoops(
+        evidence, FindTurnedSteps(evidence, averaged.result.estimate));
+    if (!is_turning.Any()) return averaged;
+    is_used->Remove(is_turning);
+  }
+}
+
 Mask FindBridges(const RotationInput& input, const Mask& pair_is_inlier,
                  const PairFilteringOptions& filtering,
                  const Context& context) {
@@ -216,9 +241,10 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
   const SkeletonResult skeleton =
       FilterBySkeleton(input, is_used, options, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);
-  AveragedRotations averaged = AverageWithGravity(
-      input, is_used, skeleton.start ? &*skeleton.start : nullptr,
-      options.averaging, context);
+  Mask turns_steps = is_used;
+  AveragedRotations averaged =
+      AverageWithoutTurningLoops(input, skeleton, options, context, &is_used);
+  turns_steps.Remove(is_used);
   result.gravity_rejection = std::move(averaged.gravity_rejection);
   Mask is_kept = averaged.result.estimate.pair_is_inlier;
   const Mask is_bridge =
@@ -236,6 +262,7 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
          RejectionReason::kUnknownSensorRotation, &result.verdicts);
   Reject(skeleton.is_beyond_drift_bound,
          RejectionReason::kRotationBeyondDriftBound, &result.verdicts);
+  Reject(turns_steps, RejectionReason::kTurningLoop, &result.verdicts);
   Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
   RejectByEstimate(input.index, result.estimate, &result.verdicts);
   return result;

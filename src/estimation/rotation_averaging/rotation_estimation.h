@@ -44,6 +44,7 @@ struct EstimatedRotations {
 //
 //   skeletal graph -> average its pairs -> reject pairs beyond its drift bound
 //   -> average the others, from the rotations of the skeletal graph
+//   -> reject loop pairs that turn a step, and average again without them
 //   -> reject unsupported bridges -> number components.
 //
 // Gravity priors take part in the second averaging only. They are rejected if
