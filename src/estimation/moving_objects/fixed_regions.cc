@@ -2,6 +2,7 @@
 #include "moving_objects/fixed_regions.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <optional>
@@ -164,9 +165,10 @@ std::vector<Nearness> MeasureInverseDistances(const Scene& scene,
 // keypoints move along with the rig.
 class RayComparison {
  public:
+  enum class Kind { kMoves, kFixed, kUnknown };
   struct Vote {
     int keypoint_idx1, keypoint_idx2;
-    bool is_fixed;
+    Kind kind;
   };
 
   RayComparison(const Scene& scene, const Bearings& bearings,
@@ -189,27 +191,26 @@ class RayComparison {
   std::vector<Vote> WhereRigAdvances(const Nearness& nearness1) const {
     const auto& pose = pair_.relative_pose;
     if (!pose || !pose->translation_direction) return {};
-    std::vector<Vote> moving, fixed;
+    std::vector<Vote> votes = WhereRigTurns();
     std::vector<double> lengths;
-    for (const Vote& vote : WhereRigTurns()) {
+    for (const Vote& vote : votes) {
       const auto& near = nearness1[vote.keypoint_idx1];
-      if (!vote.is_fixed) {
-        moving.push_back(vote);
-        if (!near) continue;
-        const Parallax parallax = ParallaxOf(vote);
-        lengths.push_back(parallax.sine / parallax.lever2 / *near);
-      } else if (near) {
-        fixed.push_back(vote);
-      }
+      if (vote.kind == Kind::kFixed || !near) continue;
+      const Parallax parallax = ParallaxOf(vote);
+      lengths.push_back(parallax.sine / parallax.lever2 / *near);
     }
     if (lengths.empty()) return {};
     const double length = Median(std::move(lengths));
-    for (const Vote& vote : fixed) {
+    for (Vote& vote : votes) {
+      const auto& near = nearness1[vote.keypoint_idx1];
       const double sine_at_rest =
-          length * *nearness1[vote.keypoint_idx1] * ParallaxOf(vote).lever2;
-      if (sine_at_rest >= kMinVisible * tolerance_rad_) moving.push_back(vote);
+          near ? length * *near * ParallaxOf(vote).lever2 : 0.0;
+      if (vote.kind == Kind::kFixed &&
+          sine_at_rest < kMinVisible * tolerance_rad_) {
+        vote.kind = Kind::kUnknown;
+      }
     }
-    return moving;
+    return votes;
   }
 
  private:
@@ -220,11 +221,10 @@ class RayComparison {
         !bearings_.HasRay(pair_.image_idx2, k2)) {
       return std::nullopt;
     }
-    return Vote{
-        k1, k2,
-        IsRotationInlier(Eigen::Quaterniond::Identity(),
-                         bearings_.Ray(pair_.image_idx1, k1),
-                         bearings_.Ray(pair_.image_idx2, k2), tolerance_rad_)};
+    const bool is_fixed = IsRotationInlier(
+        Eigen::Quaterniond::Identity(), bearings_.Ray(pair_.image_idx1, k1),
+        bearings_.Ray(pair_.image_idx2, k2), tolerance_rad_);
+    return Vote{k1, k2, is_fixed ? Kind::kFixed : Kind::kMoves};
   }
   Parallax ParallaxOf(const Vote& vote) const {
     return {*pair_.relative_pose,
@@ -237,27 +237,29 @@ class RayComparison {
   const double tolerance_rad_;
 };
 
-// Adds the vote of a pair to those of each cell of its sensor.
+// Adds the vote of a pair to those of each cell of its sensor. Points of which
+// it is unknown are no evidence for a region, and may be fixed.
 struct Votes {
   std::vector<int> num_fixed = std::vector<int>(kNumColumns * kNumRows, 0);
   std::vector<int> num_all = num_fixed;
 
   void Add(const Scene& scene, const ImagePair& pair,
            const std::vector<RayComparison::Vote>& votes) {
-    std::vector<int> balance(num_all.size(), 0);
-    const auto add = [&](int image_idx, int keypoint_idx, int change) {
-      balance[CellOf(CameraOf(scene, image_idx),
-                     scene.images[image_idx].keypoints_px[keypoint_idx])] +=
-          change;
+    using Kind = RayComparison::Kind;
+    std::vector<std::array<int, 3>> counts(num_all.size(), {0, 0, 0});
+    const auto add = [&](int image_idx, int keypoint_idx, Kind kind) {
+      ++counts[CellOf(CameraOf(scene, image_idx),
+                      scene.images[image_idx].keypoints_px[keypoint_idx])]
+              [static_cast<size_t>(kind)];
     };
     for (const RayComparison::Vote& vote : votes) {
-      const int change = vote.is_fixed ? 1 : -1;
-      add(pair.image_idx1, vote.keypoint_idx1, change);
-      add(pair.image_idx2, vote.keypoint_idx2, change);
+      add(pair.image_idx1, vote.keypoint_idx1, vote.kind);
+      add(pair.image_idx2, vote.keypoint_idx2, vote.kind);
     }
-    for (size_t c = 0; c < balance.size(); ++c) {
-      num_fixed[c] += balance[c] > 0;
-      num_all[c] += balance[c] != 0;
+    for (size_t c = 0; c < counts.size(); ++c) {
+      const auto [num_moving, fixed, num_unknown] = counts[c];
+      num_fixed[c] += fixed > num_moving;
+      num_all[c] += fixed > num_moving || num_moving > fixed + num_unknown;
     }
   }
 };
@@ -272,11 +274,16 @@ double LowerBound(int num_for, int num_votes) {
          (1.0 + z2 / n);
 }
 
-Mask FixedCells(const Votes& votes) {
-  Mask is_fixed(votes.num_all.size(), false);
+// Pairs where the rig turns and those where it only advances judge a cell by
+// other points, so that either is enough.
+Mask FixedCells(const Votes& turning, const Votes& advancing) {
+  Mask is_fixed(turning.num_all.size(), false);
   for (size_t c = 0; c < is_fixed.size(); ++c) {
-    is_fixed[c] = votes.num_all[c] > 0 &&
-                  LowerBound(votes.num_fixed[c], votes.num_all[c]) > kMinShare;
+    for (const Votes& votes : {turning, advancing}) {
+      is_fixed[c] = is_fixed[c] || (votes.num_all[c] > 0 &&
+                                    LowerBound(votes.num_fixed[c],
+                                               votes.num_all[c]) > kMinShare);
+    }
   }
   return is_fixed.Any() ? is_fixed : Mask();
 }
@@ -311,7 +318,7 @@ FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
   const Mask turns = FindTurning(scene, index, view_graph, max_error_px);
   const std::vector<Nearness> nearness =
       MeasureInverseDistances(scene, bearings, index, view_graph, max_error_px);
-  std::vector<Votes> votes(scene.sensors.size());
+  std::vector<Votes> turning(scene.sensors.size()), advancing = turning;
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
     if (!frames.IsBetweenFrames()) continue;
     const bool do_turn = Turns(index, turns, frames);
@@ -319,15 +326,19 @@ FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
       const ImagePair& pair = view_graph.pairs[i];
       if (!IsOfOneSensor(scene, pair)) continue;
       const RayComparison comparison(scene, bearings, pair, max_error_px);
-      votes[scene.images[pair.image_idx1].sensor_idx].Add(
-          scene, pair,
-          do_turn ? comparison.WhereRigTurns()
-                  : comparison.WhereRigAdvances(nearness[pair.image_idx1]));
+      const int sensor_idx = scene.images[pair.image_idx1].sensor_idx;
+      if (do_turn) {
+        turning[sensor_idx].Add(scene, pair, comparison.WhereRigTurns());
+      } else {
+        advancing[sensor_idx].Add(
+            scene, pair,
+            comparison.WhereRigAdvances(nearness[pair.image_idx1]));
+      }
     }
   }
   FixedRegions regions;
-  for (const Votes& of_sensor : votes) {
-    regions.of_sensor.push_back(FixedCells(of_sensor));
+  for (size_t s = 0; s < scene.sensors.size(); ++s) {
+    regions.of_sensor.push_back(FixedCells(turning[s], advancing[s]));
   }
   return regions;
 }

@@ -18,24 +18,25 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr int kDriveLength = 60;
-constexpr int kReach = 3;
+constexpr int kTurningDriveLength = 60;
+constexpr int kTurningReach = 3;
 constexpr int kTurnedRank = 20;
 
 // The rig turns steadily. The frame of rank k in time has the index order[k].
 // Neighbors have exact pairs; the estimated rotations can be turned.
 class TurningDrive {
  public:
-  explicit TurningDrive(std::vector<int> order = InOrder(kDriveLength))
+  explicit TurningDrive(std::vector<int> order = InOrder(kTurningDriveLength))
       : order_(std::move(order)), scene_(SingleImageFrames(order_)) {
     estimate_.sensor_from_rig.emplace_back(ExpSO3({0.1, 0.2, -0.3}));
-    estimate_.rig_from_world.resize(kDriveLength);
-    estimate_.component.assign(kDriveLength, 0);
-    for (int k = 0; k < kDriveLength; ++k) {
+    estimate_.rig_from_world.resize(kTurningDriveLength);
+    estimate_.component.assign(kTurningDriveLength, 0);
+    for (int k = 0; k < kTurningDriveLength; ++k) {
       estimate_.rig_from_world[order_[k]] = RigFromWorld(k);
     }
-    for (int k = 0; k < kDriveLength; ++k) {
-      for (int n = k + 1; n <= std::min(k + kReach, kDriveLength - 1); ++n) {
+    for (int k = 0; k < kTurningDriveLength; ++k) {
+      for (int n = k + 1;
+           n <= std::min(k + kTurningReach, kTurningDriveLength - 1); ++n) {
         Add(k, n);
       }
     }
@@ -60,7 +61,7 @@ class TurningDrive {
 
   // Turns the estimate from a frame on, as wrong loop pairs do.
   void TurnFrom(int rank, const Vector3d& turn_rad) {
-    for (int k = rank; k < kDriveLength; ++k) {
+    for (int k = rank; k < kTurningDriveLength; ++k) {
       auto& rotation = estimate_.rig_from_world[order_[k]];
       rotation = *rotation * ExpSO3(-turn_rad);
     }
@@ -95,7 +96,8 @@ class TurningDrive {
 
 TEST(TurnedSteps, AreFoundInAnyOrderOfFrames) {
   const Vector3d turn(0.01, DegToRad(3.0), -0.02);
-  for (const auto& order : {InOrder(kDriveLength), Shuffled(kDriveLength)}) {
+  for (const auto& order :
+       {InOrder(kTurningDriveLength), Shuffled(kTurningDriveLength)}) {
     TurningDrive drive(order);
     EXPECT_FALSE(drive.Find().Any());
     drive.TurnFrom(kTurnedRank, turn);
@@ -110,7 +112,7 @@ TEST(TurnedSteps, AreNoneThatAPairOfFewSupports) {
   TurningDrive drive;
   drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
   // As many pairs support the turned rotation.
-  for (int i = 0; i < kReach; ++i) {
+  for (int i = 0; i < kTurningReach; ++i) {
     drive.Add(kTurnedRank - 1, kTurnedRank, {0.0, DegToRad(-3.0), 0.0});
   }
   EXPECT_FALSE(drive.Find().Any());
@@ -118,7 +120,7 @@ TEST(TurnedSteps, AreNoneThatAPairOfFewSupports) {
 
 TEST(TurnedSteps, AreNotTheDriftOfLoops) {
   TurningDrive drive;
-  for (int k = 1; k < kDriveLength; ++k) {
+  for (int k = 1; k < kTurningDriveLength; ++k) {
     drive.TurnFrom(k, {0.0, DegToRad(0.3), 0.0});
   }
   EXPECT_FALSE(drive.Find().Any());
@@ -128,7 +130,7 @@ TEST(TurnedSteps, SeparateTheFramesOfLoops) {
   TurningDrive drive;
   const size_t before = drive.Add(2, kTurnedRank - 1);
   const size_t across = drive.Add(kTurnedRank - 1, kTurnedRank + 15);
-  const size_t after = drive.Add(kTurnedRank, kDriveLength - 1);
+  const size_t after = drive.Add(kTurnedRank, kTurningDriveLength - 1);
   drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
   const Mask is_across = drive.LoopsAcross(drive.Find());
   EXPECT_FALSE(is_across[before]);
