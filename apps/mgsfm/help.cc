@@ -5,6 +5,7 @@
 #include <iterator>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/text_streams.h"
@@ -183,9 +184,21 @@ std::string FirstClause(const std::string& text) {
   return text;
 }
 
-// "  --flag    What its help says first. [default]", in 80 columns.
+// Appends words to a line of 80 columns, and to further ones behind an indent.
+void AppendWords(std::string line, const std::string& words_text, size_t indent,
+                 std::string* text) {
+  TextInput words(words_text);
+  for (std::string word; words >> word; line += word + " ") {
+    if (line.size() + word.size() <= 80) continue;
+    *text += line.substr(0, line.size() - 1) + "\n";
+    line.assign(indent, ' ');
+  }
+  *text += line.substr(0, line.size() - 1) + "\n";
+}
+
+// "  --flag    What its help says first. [default]".
 void AppendBriefly(const OptionEntry& entry, std::string* text) {
-  const size_t indent = 30, width = 80;
+  const size_t indent = 30;
   std::string line = "  --" + entry.name;
   if (line.size() >= indent) {
     *text += line + "\n";
@@ -195,13 +208,7 @@ void AppendBriefly(const OptionEntry& entry, std::string* text) {
   const std::string value = FormatOptionValue(entry.default_value);
   if (!value.empty()) help += " [" + value + "]";
   line.resize(indent, ' ');
-  TextInput words(help);
-  for (std::string word; words >> word; line += word + " ") {
-    if (line.size() + word.size() <= width) continue;
-    *text += line.substr(0, line.size() - 1) + "\n";
-    line.assign(indent, ' ');
-  }
-  *text += line.substr(0, line.size() - 1) + "\n";
+  AppendWords(std::move(line), help, indent, text);
 }
 
 constexpr char kSwitches[] =
@@ -221,21 +228,30 @@ std::string MakeHelp(const std::string& command, const std::string& summary,
   const auto* const help = std::find_if(
       std::begin(kBasicHelps), std::end(kBasicHelps),
       [&](const BasicHelp& entry) { return entry.command == command; });
-  std::string text = "mgsfm " + command + ": " + summary + "\n\n";
-  if (help == std::end(kBasicHelps))
-    return text + OptionsToHelp(options) + kSwitches;
-  text += std::string("Example\n  ") + help->example + "\n\n";
-  if (level == HelpLevel::kAll) {
-    return text + OptionsToHelp(options) + kSwitches;
+  const std::string title = "mgsfm " + command + ": ";
+  if (help == std::end(kBasicHelps)) {
+    return title + summary + "\n\n" + OptionsToHelp(options) + kSwitches;
   }
+  const std::string example =
+      std::string("\nExample\n  ") + help->example + "\n\n";
+  if (level == HelpLevel::kAll) {
+    return title + summary + "\n" + example + OptionsToHelp(options) +
+           kSwitches;
+  }
+  std::string text;
+  AppendWords(title, summary, 2, &text);
+  text += example;
   const OptionList basic = SelectBasic(*help, options);
   for (const OptionEntry& entry : basic) AppendBriefly(entry, &text);
-  return text + "\n[default]; " +
-         (basic.size() < options.size()
-              ? std::to_string(options.size() - basic.size()) +
-                    " more options and "
-              : "") +
-         "details: mgsfm " + command + " --help_all\n";
+  text += "\n";
+  AppendWords("[default]; ",
+              (basic.size() < options.size()
+                   ? std::to_string(options.size() - basic.size()) +
+                         " more options and "
+                   : "") +
+                  "details: mgsfm " + command + " --help_all",
+              2, &text);
+  return text;
 }
 
 }  // namespace mgsfm

@@ -91,8 +91,9 @@ struct RotationAveragingOptions {
       "Estimate sensor_from_rig rotations first and frames next (decoupled), "
       "or all jointly (joint). auto: joint if the method of the mapper is mma, "
       "else decoupled."};
-  // Pairs whose relative rotation deviates more from the estimate are rejected.
-  double max_error_deg = 10.0;
+  Option<double> max_error_deg{
+      "max_error_deg", 10.0, Between(0.0, 180.0), "deg",
+      "Reject pairs whose relative rotation deviates more from the estimate."};
   // Matches beyond this count do not increase the weight of a pair.
   int inlier_cap = 200;
   // Maximum number of linearizations of L1 averaging.
@@ -110,7 +111,7 @@ struct RotationAveragingOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(strategy);
+    visit(strategy, max_error_deg);
   }
 };
 

@@ -98,6 +98,7 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
     ScaleBy(FactorToUnitBaseline(input, problem, placed.positions), &placed);
   }
   result.pair_is_inconsistent.assign(input.view_graph.pairs.size(), false);
+  result.pair_is_beyond_drift_bound = result.pair_is_inconsistent;
   result.estimate = MakePositionEstimate(input.scene, problem, placed);
   summary.initialization = start.initial.solve;
   summary.camera_refinement = NothingToDo("Not needed: points determine all.");

@@ -198,6 +198,7 @@ class PairEstimator {
     if (!best) return;
     RefineRelativePose(matched_.rays, FirstRefinement(max_error), &*best);
     Try(ToRelativePose(*best), PairOutcome::kDecomposed);
+    is_of_distorted_ = true;
   }
 
   // Scores all poses that follow from the geometry in the view graph.
@@ -222,10 +223,12 @@ class PairEstimator {
   }
 
   // A rotation must explain almost all matches; otherwise the pair may have a
-  // translation.
+  // translation. So must a pose by a fundamental matrix of distorted pixels: it
+  // may be a local minimum.
   double RequiredInitialInlierRatio() const {
-    return pose_.translation_direction ? options_.min_row_inlier_ratio
-                                       : 1.0 - options_.min_parallax_ratio;
+    return pose_.translation_direction && !is_of_distorted_
+               ? options_.min_row_inlier_ratio
+               : 1.0 - options_.min_parallax_ratio;
   }
 
   bool HasEnoughInliers(double ratio) const {
@@ -330,6 +333,7 @@ class PairEstimator {
   bool has_direction_ = true;  // whether the result has the direction of pose_
   PoseScore score_{std::numeric_limits<double>::infinity(), 0};
   PairOutcome source_ = PairOutcome::kReestimated;
+  bool is_of_distorted_ = false;
 };
 
 }  // namespace
