@@ -112,7 +112,7 @@ TEST(Executable, TheMapperHasFewOptions) {
   for (const Command& command : AllCommands()) {
     if (command.name != "mapper") continue;
     command.list(
-        [](const OptionList& options) { EXPECT_LE(options.size(), 67u); });
+        [](const OptionList& options) { EXPECT_LE(options.size(), 68u); });
   }
 }
 

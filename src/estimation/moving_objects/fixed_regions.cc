@@ -25,7 +25,7 @@ constexpr double kMinVisible = 4.0;
 // The lower bound of the share of votes, at 2.33 standard deviations (99 %). A
 // vehicle that accompanies the rig for two thirds of a recording has less.
 constexpr double kMinShare = 0.75;
-constexpr double kNumSigmas = 2.33;
+constexpr double kNumSigmasOfShare = 2.33;
 
 int CellOf(const Camera& camera, const Eigen::Vector2f& keypoint_px) {
   const auto index = [](double value, double size, int num) {
@@ -94,11 +94,11 @@ bool Turns(const FramePairIndex& index, const Mask& turns,
 
 // The inverse distance of a point from camera 1, in baselines of the pair, is
 // the ratio of its parallax and the lever of camera 2, and vice versa.
-struct Parallax {
+struct MatchParallax {
   double sine, lever1, lever2;
 
-  Parallax(const RelativePose& pose, const Eigen::Vector3d& ray1,
-           const Eigen::Vector3d& ray2) {
+  MatchParallax(const RelativePose& pose, const Eigen::Vector3d& ray1,
+                const Eigen::Vector3d& ray2) {
     const Eigen::Vector3d turned = pose.cam2_from_cam1 * ray1;
     sine = ray2.cross(turned).norm();
     lever1 = turned.cross(*pose.translation_direction).norm();
@@ -149,7 +149,7 @@ std::vector<Nearness> MeasureInverseDistances(const Scene& scene,
           !bearings.HasRay(pair.image_idx2, match.keypoint_idx2)) {
         continue;
       }
-      const Parallax parallax(
+      const MatchParallax parallax(
           *pair.relative_pose,
           bearings.Ray(pair.image_idx1, match.keypoint_idx1),
           bearings.Ray(pair.image_idx2, match.keypoint_idx2));
@@ -196,7 +196,7 @@ class RayComparison {
     for (const Vote& vote : votes) {
       const auto& near = nearness1[vote.keypoint_idx1];
       if (vote.kind == Kind::kFixed || !near) continue;
-      const Parallax parallax = ParallaxOf(vote);
+      const MatchParallax parallax = ParallaxOf(vote);
       lengths.push_back(parallax.sine / parallax.lever2 / *near);
     }
     if (lengths.empty()) return {};
@@ -226,7 +226,7 @@ class RayComparison {
         bearings_.Ray(pair_.image_idx2, k2), tolerance_rad_);
     return Vote{k1, k2, is_fixed ? Kind::kFixed : Kind::kMoves};
   }
-  Parallax ParallaxOf(const Vote& vote) const {
+  MatchParallax ParallaxOf(const Vote& vote) const {
     return {*pair_.relative_pose,
             bearings_.Ray(pair_.image_idx1, vote.keypoint_idx1),
             bearings_.Ray(pair_.image_idx2, vote.keypoint_idx2)};
@@ -266,10 +266,10 @@ struct Votes {
 
 // Wilson's lower bound of a share.
 double LowerBound(int num_for, int num_votes) {
-  const double n = num_votes, z2 = kNumSigmas * kNumSigmas;
+  const double n = num_votes, z2 = kNumSigmasOfShare * kNumSigmasOfShare;
   const double share = num_for / n;
   return (share + z2 / (2.0 * n) -
-          kNumSigmas *
+          kNumSigmasOfShare *
               std::sqrt((share * (1.0 - share) + z2 / (4.0 * n)) / n)) /
          (1.0 + z2 / n);
 }

@@ -104,7 +104,7 @@ struct Disagreement {
   }
 };
 
-MeasuredMotion MeasuredMotionOf(const MotionHypothesis& h) {
+MeasuredMotion MotionOfHypothesis(const MotionHypothesis& h) {
   return h.ClosestTo(h.later_from_earlier.Center());
 }
 
@@ -132,7 +132,7 @@ void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
     const StepHypotheses free = SortedByShare(step, false);
     if (!by_depth.empty() && !free.empty()) {
       of_depths.Add(free[0],
-                    MeasuredMotionOf(ClosestRotation(by_depth, free[0])),
+                    MotionOfHypothesis(ClosestRotation(by_depth, free[0])),
                     min_length);
     }
     if (free.size() > 1) {
@@ -160,7 +160,7 @@ void MeasureChanges(const std::vector<StepHypotheses>& measured,
       continue;
     }
     const Velocity velocity =
-        VelocityOf(MeasuredMotionOf(by_depth[0]), durations[k]);
+        VelocityOf(MotionOfHypothesis(by_depth[0]), durations[k]);
     if (before) {
       linear.push_back(
           Excess(velocity.linear - before->linear,
@@ -243,8 +243,8 @@ void MeasureNearness(const MotionNoise& noise,
     for (const Candidate& rival : *by_depth) {
       if (!candidate.reach || !rival.reach ||
           rival.own_share < kContestingShare ||
-          AreEqualMotions(MeasuredMotionOf(candidate), MeasuredMotionOf(rival),
-                          noise)) {
+          AreEqualMotions(MotionOfHypothesis(candidate),
+                          MotionOfHypothesis(rival), noise)) {
         continue;
       }
       candidate.nearness = std::max(candidate.nearness,
@@ -287,7 +287,7 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
 // its distance and how near its points are.
 void Combine(const MotionNoise& noise, Candidate* by_depth,
              std::vector<Candidate>* groups) {
-  const MeasuredMotion motion = MeasuredMotionOf(*by_depth);
+  const MeasuredMotion motion = MotionOfHypothesis(*by_depth);
   const Vector3d center = motion.later_from_earlier.Center();
   double support = 0.0;
   const Candidate* strongest = nullptr;

@@ -29,7 +29,7 @@ constexpr double kMinDisplacement = 0.2;
 constexpr double kMaxSupportError = 0.1;
 // 95 % of the errors of a pair along a direction are smaller, in standard
 // deviations.
-constexpr double kNumSigmas = 1.96;
+constexpr double kNumSigmasOfMatch = 1.96;
 
 // Shorter displacements are noise.
 double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
@@ -86,7 +86,7 @@ double ToleranceOf(const MotionProblem& problem, const ExpectedPair& expected) {
                                 ? keypoint_rad / problem.noise_displacement
                                 : 0.0;
   return keypoint_rad +
-         kNumSigmas *
+         kNumSigmasOfMatch *
              std::sqrt(of_rotation + per_length * per_length * of_center);
 }
 
@@ -155,12 +155,12 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
   }
   return turn_error.norm() <=
              max_turn_error +
-                 kNumSigmas *
+                 kNumSigmasOfMatch *
                      SigmaAlong(covariance.topLeftCorner<3, 3>(), turn_error) &&
          (!has_direction ||
           error.norm() <=
               max_error +
-                  kNumSigmas *
+                  kNumSigmasOfMatch *
                       SigmaAlong(covariance.bottomRightCorner<3, 3>(), error));
 }
 

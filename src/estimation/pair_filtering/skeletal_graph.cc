@@ -36,7 +36,7 @@ struct Skeleton {
   }
 };
 
-std::vector<int> CountMatches(const ViewGraph& view_graph) {
+std::vector<int> NumMatchesOfPairs(const ViewGraph& view_graph) {
   std::vector<int> num_matches;
   num_matches.reserve(view_graph.pairs.size());
   for (const ImagePair& pair : view_graph.pairs) {
@@ -170,7 +170,7 @@ Mask SelectSkeletalGraph(const PairEvidence& evidence) {
     num_triplet_consistent =
         CountTripletConsistentMatches(view_graph, pair_is_used, num_threads);
   }
-  return SelectSkeletalGraph(index, CountMatches(view_graph),
+  return SelectSkeletalGraph(index, NumMatchesOfPairs(view_graph),
                              num_triplet_consistent, pair_is_used, options);
 }
 
