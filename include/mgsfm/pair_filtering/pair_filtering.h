@@ -72,7 +72,7 @@ struct PairFilteringOptions {
       "Reject pairs whose rotation is beyond the drift bound of the skeletal "
       "graph."};
   Option<bool> use_turning_loops{
-      "use_turning_loops", true,
+      "use_turning_loops", false,
       "Reject loop pairs of a sequence if, with them, nearly all pairs of "
       "neighbors across a step contradict its rotation in the same way."};
   Option<bool> use_unsupported_bridges{

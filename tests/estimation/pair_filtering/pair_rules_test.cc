@@ -31,6 +31,7 @@ TEST(PairRules, HaveANameAReasonAndAnOptionOfTheirOwn) {
 TEST(PairRules, AnOptionSwitchesOffNoOtherRule) {
   for (const PairRule& rule : kPairRules) {
     PairFilteringOptions options;
+    for (const PairRule& other : kPairRules) options.*other.option = true;
     options.*rule.option = false;
     for (const PairRule& other : kPairRules) {
       EXPECT_EQ(IsRuleOn(other.reason, options), other.reason != rule.reason)
