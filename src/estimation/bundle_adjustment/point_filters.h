@@ -43,7 +43,7 @@ double UnbiasedNoiseSigmaPx(const Scene& scene,
 
 struct PointFilterOptions {
   double max_error_px = 4.0;
-  // Of the root mean square of the errors of a point.
+  // Bound on the root mean square error of a point.
   double max_rms_error_px = std::numeric_limits<double>::infinity();
   int min_num_observations = 2;
   double min_angle_rad = 0.0;  // largest angle between any two rays

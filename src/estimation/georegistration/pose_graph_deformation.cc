@@ -322,7 +322,8 @@ bool Deform(bool scale_drifts, const Context& context, PoseGraph* graph) {
       const std::optional<double> displacement =
           TakeStep(sigma, num_unknowns_per_node, &equations, graph);
       if (!displacement) return false;
-      // In standard deviations of positions; usually, it ends the loop.
+      // The displacement is in standard deviations of positions. This criterion
+      // usually ends the loop.
       if (*displacement <= 1e-3) break;
     }
     distance = DistanceQuantile(*graph, kQuantile);

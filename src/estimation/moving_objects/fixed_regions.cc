@@ -279,10 +279,10 @@ double LowerBound(int num_for, int num_votes) {
 Mask FixedCells(const Votes& turning, const Votes& advancing) {
   Mask is_fixed(turning.num_all.size(), false);
   for (size_t c = 0; c < is_fixed.size(); ++c) {
-    for (const Votes& votes : {turning, advancing}) {
-      is_fixed[c] = is_fixed[c] || (votes.num_all[c] > 0 &&
-                                    LowerBound(votes.num_fixed[c],
-                                               votes.num_all[c]) > kMinShare);
+    for (const Votes* votes : {&turning, &advancing}) {
+      is_fixed[c] = is_fixed[c] || (votes->num_all[c] > 0 &&
+                                    LowerBound(votes->num_fixed[c],
+                                               votes->num_all[c]) > kMinShare);
     }
   }
   return is_fixed.Any() ? is_fixed : Mask();

@@ -71,7 +71,8 @@ class Similarities {
     }
   }
 
-  // Of neighbors in the runs; each gap counts half as much as half the gap.
+  // The sum of similarities of neighbors in the runs; each gap counts half as
+  // much as half the gap.
   int64_t Sum(const std::vector<std::vector<int>>& runs) const {
     int64_t sum = 0;
     for (const std::vector<int>& run : runs) {

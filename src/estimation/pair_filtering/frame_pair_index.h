@@ -79,7 +79,7 @@ class FramePairIndex {
   std::vector<size_t> frame_pair_of_pair_;  // per image pair
 };
 
-// What a rule judges.
+// The pairs that a rule judges, and what it may use.
 struct PairEvidence {
   const Scene& scene;
   const FramePairIndex& index;  // of the view graph

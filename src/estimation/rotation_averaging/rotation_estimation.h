@@ -21,7 +21,7 @@ struct RotationInput {
   const ViewGraph& view_graph;
   const FramePairIndex& index;  // of the view graph
   const GravityPriors& gravity = kNoGravity;
-  // Of earlier rules, per pair; empty: none is rejected.
+  // The verdicts of earlier rules, per pair; empty: no pair is rejected.
   PairVerdicts verdicts = {};
 };
 
@@ -44,13 +44,13 @@ struct EstimatedRotations {
 //
 //   skeletal graph -> average its pairs -> reject pairs beyond its drift bound
 //   -> average the others, from the rotations of the skeletal graph
-//   -> reject loop pairs that turn a step, and average again without them
+//   -> reject loop pairs that turn a step (use_turning_loops), average again
 //   -> reject unsupported bridges -> number components.
 //
 // Gravity priors take part in the second averaging only. They are rejected if
 // they cost more than 5 % of the pairs that agree without them: wrong priors
-// would disconnect the frames. Without any relative
-// pose the estimate contains nothing but known sensors, and a warning says so.
+// would disconnect the frames. Without any relative pose the estimate contains
+// nothing but known sensors, and a warning says so.
 // Pairs that earlier rules rejected (moving_objects.h) take no part.
 [[nodiscard]] EstimatedRotations EstimateRotations(
     const RotationInput& input, const RotationOptions& options,

@@ -240,8 +240,8 @@ bool AcceptHandEye(int sensor_idx, const Motions& motions,
       CalibrateHandEye(motions.pairs, motions.num_frames);
   const double second_axis_deg = RadToDeg(hand_eye.second_axis_rms_rad);
   const double error_deg = RadToDeg(hand_eye.median_error_rad);
-  // With a standard deviation of at most a fifth of max_error_deg, pairs of the
-  // sensor stay well within max_error_deg.
+  // Pairs of the sensor stay well within max_error_deg if the standard
+  // deviation is at most a fifth of it.
   if (second_axis_deg < options.min_hand_eye_rotation_deg ||
       error_deg > options.max_error_deg ||
       RadToDeg(hand_eye.uncertainty_rad) > 0.2 * options.max_error_deg) {

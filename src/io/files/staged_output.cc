@@ -102,7 +102,8 @@ void PutBack(const fs::path& work, const fs::path& base,
   }
 }
 
-// What is left has no meaning, and the next run tries again.
+// Ignores failures: remaining files have no meaning, and the next run removes
+// them.
 void RemoveWorkFolder(const fs::path& work, FileOperations* operations) {
   try {
     RemoveTree(work, operations);
