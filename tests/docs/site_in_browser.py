@@ -14,7 +14,7 @@ import threading
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "report_page"))
+sys.path.insert(0, str(ROOT / "tests" / "addons" / "report_page"))
 from browser import Browser  # noqa: E402
 
 
