@@ -3,7 +3,7 @@
 
 #include "command.h"
 #include "commands.h"
-#include "matching/selected_pairs.h"
+#include "matching/pair_selection.h"
 #include "matching_input.h"
 #include "mgsfm/matching/matching.h"
 

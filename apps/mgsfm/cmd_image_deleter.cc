@@ -7,7 +7,7 @@
 #include "base/file_reading.h"
 #include "command.h"
 #include "commands.h"
-#include "database/image_list.h"
+#include "database/database_reader.h"
 #include "files/staged_output.h"
 #include "mgsfm/base/error.h"
 #include "tool_model.h"

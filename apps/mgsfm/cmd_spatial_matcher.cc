@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
-#include "matching/selected_pairs.h"
+#include "matching/pair_selection.h"
 #include "matching_input.h"
 #include "mgsfm/matching/matching.h"
 

@@ -7,7 +7,7 @@
 
 #include "command.h"
 #include "commands.h"
-#include "matching/database_words.h"
+#include "matching/image_retrieval.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"
 #include "mgsfm/models/scene_loading.h"
@@ -64,8 +64,8 @@ int RunVocabTreeBuilder(const VocabTreeBuilderOptions& options,
   const Scene scene = ReadSample(database, options.max_num_images, context);
   std::optional<Vocabulary> vocabulary;
   if (!scene.images.empty()) {
-    vocabulary = internal::TrainVocabulary(database, scene, options.training,
-                                           options.max_num_features, context);
+    vocabulary = TrainVocabulary(database, scene, options.training,
+                                 options.max_num_features, context);
   }
   if (!vocabulary) {
     throw Error("database '" + *options.database_path +

@@ -9,7 +9,7 @@
 #include "features/image_file.h"
 #include "files/file_operations.h"
 #include "mgsfm/base/error.h"
-#include "rigs/image_name_times.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 

@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "command.h"
-#include "database/image_list.h"
-#include "files/output_file.h"
+#include "database/database_reader.h"
+#include "files/file_operations.h"
 #include "files/staged_output.h"
 #include "fixed_region_masks.h"
 #include "live_view.h"

@@ -9,9 +9,9 @@
 
 #include "base/grouped_warnings.h"
 #include "command.h"
-#include "matching/lens_check.h"
-#include "matching/selected_pairs.h"
-#include "matching/shard_matching.h"
+#include "matching/fisheye_detection.h"
+#include "matching/pair_matching.h"
+#include "matching/pair_selection.h"
 #include "mgsfm/base/error.h"
 #include "models/rows_to_scene.h"
 

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
-#include "models/model_tables.h"
+#include "models/model_checks.h"
 
 namespace mgsfm {
 namespace {

@@ -11,7 +11,7 @@
 
 #include "base/file_reading.h"
 #include "base/text_tools.h"
-#include "database/sqlite_snapshot.h"
+#include "database/sqlite_database.h"
 #include "files/file_operations.h"
 #include "files/image_limits.h"
 #include "files/image_reading.h"

@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "database/database_reader.h"
-#include "database/sqlite_snapshot.h"
+#include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/priors/pose_priors.h"
-#include "priors/named_vectors.h"
+#include "priors/position_files.h"
 
 namespace mgsfm {
 namespace {
@@ -31,7 +31,7 @@ std::vector<PosePriorRow> ReadPositions(const std::string& path,
                                         const Scene& scene) {
   std::vector<PosePriorRow> rows;
   for (const NamedVector& line : ReadNamedVectors(
-           scene, path, "X Y Z", "ref_images_path", OtherImages::kIgnore)) {
+           scene, path, "X Y Z", "ref_images_path", UnknownImages::kIgnore)) {
     rows.push_back({scene.images[line.image_idx].id,
                     PosePriorRow::CoordinateSystem::kUndefined, line.value,
                     std::nullopt});

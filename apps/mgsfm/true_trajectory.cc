@@ -8,7 +8,7 @@
 
 #include "base/text.h"
 #include "mgsfm/base/error.h"
-#include "rigs/image_name_times.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 namespace {
