@@ -5,42 +5,31 @@
 #include <cmath>
 
 #include "base/format.h"
+#include "math/robust_scale.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/view_graph/focal_length_calibration.h"
 
 namespace mgsfm {
 namespace {
 
-// First a few pairs; as many as a calibration uses if they raise a suspicion.
+// First a few pairs; as many as a calibration uses if these contradict.
 constexpr int kFewPairs = 40;
 constexpr int kManyPairs = 300;
-// Normal errors exceed it in a third of the cases, which costs only the second
-// check.
-constexpr double kSuspiciousErrorInSigmas = 1.0;
-// Healthy cameras: see docs/results/input_check.md. With twice the logarithm,
-// an error of 30 % is not noticed (docs/results/constants.md).
-const double kMinLogFactor = std::log(1.15);
-// Sound cameras reach 1.0, and wrong ones have at least 2.3
-// (docs/results/input_check.md).
-constexpr double kMinErrorInSigmas = 2.0;
-// Share of kMinLogFactor by which a model confirms a doubt. Its points and
-// outliers were selected with the known focal lengths, so that it moves them
-// too little: by 12 instead of 43 % on KITTI 06.
-constexpr double kConfirmingShare = 0.5;
+// The relative error that all pairs share. On sound recordings and worlds it
+// reaches 6 % (docs/results/input_check.md).
+constexpr double kSharedSigmaOfPairs = 0.036;
 // Farther from the known value the linearization is not valid, and the motion
 // does not determine a focal length.
 const double kMaxLogFactor = std::log(2.5);
 
-bool IsWrong(const FocalLengthMeasurement& m) {
-  const double error = std::abs(m.log_factor);
-  return error > kMinLogFactor && error < kMaxLogFactor &&
-         error > kMinErrorInSigmas * m.sigma;
+double SigmaOf(const FocalLengthMeasurement& m) {
+  return std::hypot(m.sigma, kSharedSigmaOfPairs);
 }
 
-bool IsSuspicious(const Scene& scene, const FocalLengthMeasurement& m) {
+bool IsWrong(const Scene& scene, const FocalLengthMeasurement& m) {
   const double error = std::abs(m.log_factor);
   return scene.cameras[m.camera_idx].has_prior_focal_length &&
-         error > kMinLogFactor && error > kSuspiciousErrorInSigmas * m.sigma;
+         error < kMaxLogFactor && error > kRareErrorInSigmas * SigmaOf(m);
 }
 
 Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
@@ -54,7 +43,7 @@ Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
   const std::string numbers = Formatted(
       "%.0f px, contradicts the image pairs, which suggest "
       "%.0f +- %.0f px",
-      prior_px, measured_px, measured_px * m.sigma);
+      prior_px, measured_px, measured_px * SigmaOf(m));
   const std::string text = "the focal length of camera '" +
                            (sensors.empty() ? "" : sensors.front()) + "', " +
                            numbers;
@@ -63,7 +52,7 @@ Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
           {},
           {{"prior_px", prior_px},
            {"measured_px", measured_px},
-           {"relative_sigma", m.sigma},
+           {"relative_sigma", SigmaOf(m)},
            {"num_pairs", static_cast<double>(m.num_pairs)}},
           text,
           "correct it, or mark it as not known (prior_focal_length 0), so that "
@@ -90,23 +79,14 @@ std::vector<Finding> CheckTrustedFocalLengths(const Scene& scene,
   if (!has_prior) return findings;
   const auto few = MeasureFocalLengths(scene, view_graph, kFewPairs, context);
   if (std::none_of(few.begin(), few.end(),
-                   [&](const auto& m) { return IsSuspicious(scene, m); })) {
+                   [&](const auto& m) { return IsWrong(scene, m); })) {
     return findings;
   }
   for (const FocalLengthMeasurement& m :
        MeasureFocalLengths(scene, view_graph, kManyPairs, context)) {
-    if (scene.cameras[m.camera_idx].has_prior_focal_length && IsWrong(m)) {
-      findings.push_back(Describe(scene, m));
-    }
+    if (IsWrong(scene, m)) findings.push_back(Describe(scene, m));
   }
   return findings;
-}
-
-bool ContradictsFocalLength(const Finding& doubt, double log_factor) {
-  const double prior_px = doubt.evidence[0].second;
-  const double measured_px = doubt.evidence[1].second;
-  return std::abs(log_factor) > kConfirmingShare * kMinLogFactor &&
-         (log_factor > 0.0) == (measured_px > prior_px);
 }
 
 }  // namespace mgsfm

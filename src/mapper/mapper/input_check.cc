@@ -15,7 +15,6 @@
 #include "input_check/kept_matches.h"
 #include "input_check/rig_checks.h"
 #include "input_check/rig_samples.h"
-#include "mapper/focal_length_doubts.h"
 #include "mapper/run_summary.h"
 #include "mapper/shared_calibration.h"
 #include "mapper/weak_seams.h"
@@ -343,9 +342,7 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
          &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
   if (causes.empty()) {  // otherwise pairs do not measure focal lengths
-    causes = ConfirmedFocalLengthDoubts(
-        scene, result->models, options.bundle_adjustment, context,
-        CheckTrustedFocalLengths(scene, pairs.matches(), context));
+    causes = CheckTrustedFocalLengths(scene, pairs.matches(), context);
   }
   for (const MapperModel& model : result->models) {
     if (!model.delays || !model.delays->AreCertain()) continue;

@@ -49,22 +49,5 @@ TEST(TrustedFocalLengthsTest, WrongOnesAreNamedWithTheirCamera) {
   }
 }
 
-TEST(TrustedFocalLengthsTest, AnEstimateInTheOtherDirectionRefutesADoubt) {
-  const auto findings = Check(DriveWithFactor(0.7, PathPreset::kLoop));
-  ASSERT_FALSE(findings.empty());
-  const double log_error = -std::log(0.7);
-  EXPECT_TRUE(ContradictsFocalLength(findings[0], log_error));
-  EXPECT_FALSE(ContradictsFocalLength(findings[0], -log_error));
-  EXPECT_FALSE(ContradictsFocalLength(findings[0], 0.0));
-}
-
-// A model moves its focal lengths less than the pairs.
-TEST(TrustedFocalLengthsTest, HalfOfTheBoundConfirmsADoubt) {
-  const auto findings = Check(DriveWithFactor(0.7, PathPreset::kLoop));
-  ASSERT_FALSE(findings.empty());
-  EXPECT_TRUE(ContradictsFocalLength(findings[0], 0.51 * std::log(1.15)));
-  EXPECT_FALSE(ContradictsFocalLength(findings[0], 0.49 * std::log(1.15)));
-}
-
 }  // namespace
 }  // namespace mgsfm
