@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "command.h"
-#include "files/output_file.h"
+#include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/mapper/mapper.h"

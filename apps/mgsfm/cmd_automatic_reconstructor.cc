@@ -22,7 +22,7 @@
 #include "imaging/image_splitting.h"
 #include "live_view.h"
 #include "mapper_run.h"
-#include "matching/lens_check.h"
+#include "matching/fisheye_detection.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/matching/matching.h"

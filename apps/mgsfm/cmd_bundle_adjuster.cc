@@ -8,7 +8,7 @@
 #include "base/grouped_warnings.h"
 #include "command.h"
 #include "commands.h"
-#include "files/output_file.h"
+#include "files/file_operations.h"
 #include "files/staged_output.h"
 #include "mapper/covariance_report.h"
 #include "math/statistics.h"

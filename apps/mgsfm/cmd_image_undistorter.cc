@@ -11,7 +11,7 @@
 #include "command.h"
 #include "commands.h"
 #include "exchange/ply.h"
-#include "files/output_file.h"
+#include "files/file_operations.h"
 #include "files/staged_output.h"
 #include "imaging/image_run.h"
 #include "imaging/layouts.h"

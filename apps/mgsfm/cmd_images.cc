@@ -23,7 +23,7 @@
 #include "mgsfm/features/feature_extraction.h"
 #include "mgsfm/features/feature_import.h"
 #include "models/rig_configuration.h"
-#include "rigs/image_name_times.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 namespace {

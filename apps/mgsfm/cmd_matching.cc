@@ -12,10 +12,10 @@
 #include "base/grouped_warnings.h"
 #include "command.h"
 #include "commands.h"
-#include "matching/database_words.h"
-#include "matching/lens_check.h"
-#include "matching/selected_pairs.h"
-#include "matching/shard_matching.h"
+#include "matching/fisheye_detection.h"
+#include "matching/image_retrieval.h"
+#include "matching/pair_matching.h"
+#include "matching/pair_selection.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"
 #include "mgsfm/matching/matching.h"
@@ -357,8 +357,8 @@ int RunVocabTreeBuilder(const VocabTreeBuilderOptions& options,
   const Scene scene = ReadSample(database, options.max_num_images, context);
   std::optional<Vocabulary> vocabulary;
   if (!scene.images.empty()) {
-    vocabulary = internal::TrainVocabulary(database, scene, options.training,
-                                           options.max_num_features, context);
+    vocabulary = TrainVocabulary(database, scene, options.training,
+                                 options.max_num_features, context);
   }
   if (!vocabulary) {
     throw Error("database '" + *options.database_path +

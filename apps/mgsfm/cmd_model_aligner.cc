@@ -13,7 +13,7 @@
 #include "command.h"
 #include "commands.h"
 #include "database/database_reader.h"
-#include "database/sqlite_snapshot.h"
+#include "database/sqlite_database.h"
 #include "files/file_operations.h"
 #include "files/staged_output.h"
 #include "geometry/geodetic.h"
@@ -27,7 +27,7 @@
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "model_file.h"
-#include "priors/named_vectors.h"
+#include "priors/position_files.h"
 
 namespace mgsfm {
 
@@ -144,7 +144,7 @@ std::vector<PosePriorRow> ReadPositions(const std::string& path,
                                         const Scene& scene) {
   std::vector<PosePriorRow> rows;
   for (const NamedVector& line : ReadNamedVectors(
-           scene, path, "X Y Z", "ref_images_path", OtherImages::kIgnore)) {
+           scene, path, "X Y Z", "ref_images_path", UnknownImages::kIgnore)) {
     rows.push_back({scene.images[line.image_idx].id,
                     PosePriorRow::CoordinateSystem::kUndefined, line.value,
                     std::nullopt});

@@ -20,8 +20,8 @@
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "model_file.h"
-#include "priors/trajectory_positions.h"
-#include "rigs/image_timestamps.h"
+#include "priors/position_files.h"
+#include "rigs/image_times.h"
 #include "truth_comparison.h"
 
 namespace mgsfm {
@@ -283,7 +283,7 @@ int RunModelConverter(const ModelConverterOptions& options,
   }
   if (!options.image_timestamps_path->empty()) {
     ReadImageTimestamps(*options.image_timestamps_path, &input.model.scene,
-                        OtherImages::kIgnore);
+                        UnknownImages::kIgnore);
   }
   const ExportInput exported{input.model.scene, input.model.reconstruction,
                              options.poses, input.origin_wgs84};

@@ -11,7 +11,7 @@
 #include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
-#include "database/image_list.h"
+#include "database/database_reader.h"
 #include "files/staged_output.h"
 #include "geometry/geodetic.h"
 #include "math/graph_partition.h"

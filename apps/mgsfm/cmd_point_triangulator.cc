@@ -3,7 +3,7 @@
 
 #include "command.h"
 #include "commands.h"
-#include "files/output_file.h"
+#include "files/file_operations.h"
 #include "files/staged_output.h"
 #include "mapper_run.h"
 #include "mgsfm/base/timer.h"

@@ -17,7 +17,7 @@
 #include "base/parallel.h"
 #include "base/text_streams.h"
 #include "base/text_tools.h"
-#include "database/sqlite_snapshot.h"
+#include "database/sqlite_database.h"
 #include "files/file_operations.h"
 #include "files/image_limits.h"
 #include "files/image_reading.h"

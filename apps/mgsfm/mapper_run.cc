@@ -10,11 +10,10 @@
 #include <utility>
 
 #include "command.h"
-#include "database/image_list.h"
+#include "database/database_reader.h"
 #include "files/file_operations.h"
 #include "files/mask_folder.h"
 #include "files/model_files.h"
-#include "files/output_file.h"
 #include "files/staged_output.h"
 #include "live_view.h"
 #include "mapper/covariance_report.h"

@@ -11,8 +11,8 @@
 
 #include "base/file_reading.h"
 #include "command.h"
-#include "database/image_list.h"
-#include "files/output_file.h"
+#include "database/database_reader.h"
+#include "files/file_operations.h"
 #include "files/staged_output.h"
 #include "mgsfm/base/error.h"
 #include "scene/observations.h"

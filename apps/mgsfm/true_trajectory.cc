@@ -8,8 +8,8 @@
 
 #include "base/text.h"
 #include "mgsfm/base/error.h"
-#include "models/model_tables.h"
-#include "rigs/image_name_times.h"
+#include "models/model_checks.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 namespace {

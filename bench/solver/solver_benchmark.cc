@@ -13,7 +13,7 @@
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "command.h"
-#include "files/output_file.h"
+#include "files/file_operations.h"
 #include "machine_limits.h"
 #include "math/sparse_solver.h"
 #include "mgsfm/base/error.h"

@@ -20,7 +20,7 @@
 #include "allocations/sample_files.h"
 #include "base/file_reading.h"
 #include "features/image_file.h"
-#include "files/place_and_time_tags.h"
+#include "files/exif_gps_time.h"
 
 namespace mgsfm {
 namespace {
@@ -276,7 +276,7 @@ TEST_F(AllocationTest, FailureInTagsIsReported) {
            std::to_string(position.sum());
   };
   FailAllocations("EXIF", read, AllCalls, FailInForks, kLeak);
-  const Function copy = [&] { return PlaceAndTimeTags(file).AddTo(file); };
+  const Function copy = [&] { return ExifGpsTime(file).AddTo(file); };
   FailAllocations("copy of EXIF", copy, AllCalls, FailInForks, kLeak);
 }
 

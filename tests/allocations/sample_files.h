@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "allocations/allocations.h"
-#include "database/image_list.h"
+#include "database/database_reader.h"
 #include "foundation/base/sample_options.h"
 #include "mgsfm/database/database.h"
 #include "mgsfm/models/model_io.h"
@@ -15,7 +15,7 @@
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
 #include "mgsfm/simulator/simulation.h"
-#include "rigs/image_timestamps.h"
+#include "rigs/image_times.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -8,8 +8,7 @@
 #include <memory>
 #include <sstream>
 
-#include "database/database_pair_id.h"
-#include "database/database_schema.h"
+#include "database/database_rows.h"
 #include "fuzz/fuzz_target.h"
 #include "mgsfm/database/feature_database.h"
 #include "mgsfm/models/scene_loading.h"

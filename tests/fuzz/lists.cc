@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 
-#include "database/image_list.h"
+#include "database/database_reader.h"
 #include "fuzz/fuzz_target.h"
 #include "matching/match_list.h"
 

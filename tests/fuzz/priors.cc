@@ -4,7 +4,7 @@
 #include "fuzz/fuzz_target.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/scene/scene.h"
-#include "rigs/image_timestamps.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "io/test_database.h"
 #include "mgsfm/models/scene_loading.h"
-#include "rigs/image_name_times.h"
+#include "rigs/image_times.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

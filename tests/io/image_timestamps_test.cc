@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rigs/image_timestamps.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "io/test_database.h"
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/simulator/simulation.h"
+#include "rigs/image_times.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -7,7 +7,7 @@
 
 #include <functional>
 
-#include "database/image_list.h"
+#include "database/database_reader.h"
 #include "geometry/so3.h"
 #include "io/test_database.h"
 #include "mgsfm/models/scene_loading.h"

@@ -12,7 +12,7 @@
 #include "io/test_database.h"
 #include "mgsfm/database/feature_database.h"
 #include "mgsfm/models/scene_loading.h"
-#include "priors/trajectory_positions.h"
+#include "priors/position_files.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

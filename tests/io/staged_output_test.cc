@@ -7,7 +7,6 @@
 
 #include <string>
 
-#include "files/folder_lock.h"
 #include "io/staged_output_fixtures.h"
 
 namespace mgsfm {

@@ -331,7 +331,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //      the two cameras of a stereo pair agree on the position of a moving
 //      vehicle, but no two frames do. The last round also removes points with
 //      which fewer than min_match_share of the matches of their keypoints agree
-//      (bundle_adjustment/contradicted_points.h): a few points of a vehicle
+//      (bundle_adjustment/point_filters.h): a few points of a vehicle
 //      agree with a frame that is slightly wrong.
 //   3. Solve to function_tolerance. Earlier solves use 100 times that.
 //   4. Remove outliers, points whose errors are large as a whole, with too

@@ -17,6 +17,8 @@ struct KeptCount {
                                  static_cast<double>(num_matches)
                            : 1.0;
   }
+  // Without matches, nothing is explained.
+  bool IsMostlyKept() const { return 2 * num_kept > num_matches; }
 };
 
 struct KeptMatches {

@@ -11,7 +11,7 @@
 #include "exchange/exported_names.h"
 #include "exchange/formats.h"
 #include "mgsfm/base/error.h"
-#include "rigs/image_name_times.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 namespace {

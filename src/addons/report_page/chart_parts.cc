@@ -5,7 +5,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "files/image_encoding.h"
+#include "files/image_writing.h"
 #include "report_page/encoding.h"
 
 namespace mgsfm {

@@ -9,8 +9,8 @@
 
 #include "base/file_reading.h"
 #include "base/parallel.h"
-#include "files/image_encoding.h"
 #include "files/image_reading.h"
+#include "files/image_writing.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -25,7 +25,7 @@ constexpr double kPlotWidth = 860.0;
 // Limits of the height of the plot, whatever the shape of the path.
 constexpr double kMinHeight = 160.0, kMaxHeight = 760.0;
 // Steps beyond this are gaps in the drawn path, as in
-// priors/trajectory_positions.cc.
+// priors/position_files.cc.
 constexpr double kMaxGapInMedians = 10.0;
 constexpr size_t kMaxLegendRows = 8;
 

@@ -1,16 +1,45 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/mask.h"
+#include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
 #include "scene/observations.h"
 
 namespace mgsfm {
+
+// Projects points of the world into an image. References the reconstruction it
+// was made from.
+struct ImageView {
+  bool is_registered = false;
+  Eigen::Matrix3d cam_from_world = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();
+  CameraModelId model = CameraModelId::kPinhole;
+  const double* params = nullptr;  // set if the image is registered
+
+  // nullopt if the camera cannot see the point.
+  std::optional<Eigen::Vector2d> Project(
+      const Eigen::Vector3d& point,
+      Eigen::Matrix<double, 2, 3>* jacobian_point = nullptr) const {
+    return ProjectToPixel(model, params, cam_from_world * (point - center),
+                          jacobian_point);
+  }
+  // Distance in pixels; infinite if the camera cannot see the point.
+  double ReprojectionError(const Eigen::Vector3d& point,
+                           const Eigen::Vector2d& pixel) const;
+};
+
+// Per image of the scene.
+std::vector<ImageView> MakeImageViews(const Scene& scene,
+                                      const Reconstruction& reconstruction);
 
 // Selection of points and observations. No function changes a pose or moves a
 // point. Observations in images without a pose are always removed.
@@ -107,5 +136,26 @@ double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
 // Sets Point3D::error_px to the mean over observations with a finite error.
 void ComputePointErrors(const Scene& scene, int num_threads,
                         Reconstruction* reconstruction);
+
+// Removes points that the matches of their own keypoints contradict.
+//
+// A match of an observation of point X with a keypoint x of another registered
+// image contradicts X if |project(X) - x| > max_error_px there. With c such
+// matches, the n observations of a point agree in n (n - 1) ordered pairs, and
+// the share of its matches that agree is
+//
+//   n (n - 1) / (n (n - 1) + c).
+//
+// A feature of a vehicle that moves along with the rig is matched in many
+// images. Two or three of them agree with a static point, by chance or because
+// a frame that few tracks hold is bent towards them; all others contradict it.
+// The residuals of the point are as small as those of right ones, so that no
+// loss tells them apart. Wrong matches of right points are independent of each
+// other, and longer tracks outweigh more of them.
+//
+// Cost: one pass over all matches.
+void RemoveContradictedPoints(const Scene& scene, const ViewGraph& matches,
+                              double max_error_px, double min_match_share,
+                              int num_threads, Reconstruction* reconstruction);
 
 }  // namespace mgsfm

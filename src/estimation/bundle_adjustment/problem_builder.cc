@@ -4,8 +4,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 
-#include "bundle_adjustment/dense_numbering.h"
-#include "bundle_adjustment/image_views.h"
+#include "bundle_adjustment/point_filters.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "scene/observations.h"

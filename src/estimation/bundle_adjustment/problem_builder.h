@@ -1,15 +1,39 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
-#include "bundle_adjustment/bundle_problem.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
+#include "rig_solver/rig_problem.h"
 
 namespace mgsfm {
+
+// The rig problem of bundle adjustment: keypoints and priors, no other terms.
+using BundleProblem = RigProblem<PixelObservation>;
+using BundleState = RigState;
+
+// Numbers the used elements of an array densely, in the order of first use.
+class DenseNumbering {
+ public:
+  explicit DenseNumbering(size_t size) : number_(size) {}
+
+  // The number of element `idx`. `idxs` lists the numbered elements; a new one
+  // is appended.
+  int NumberOf(int idx, std::vector<int>* idxs) {
+    if (!number_[idx]) {
+      number_[idx] = static_cast<int>(idxs->size());
+      idxs->push_back(idx);
+    }
+    return *number_[idx];
+  }
+
+ private:
+  std::vector<std::optional<int>> number_;
+};
 
 // The bundle adjustment problem of a reconstruction, with the indices that its
 // solution is written back to.

@@ -6,10 +6,9 @@
 #include <utility>
 
 #include "base/format.h"
-#include "bundle_adjustment/contradicted_points.h"
+#include "bundle_adjustment/gauge.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
-#include "bundle_adjustment/sensor_ties.h"
 #include "bundle_adjustment/solve.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"

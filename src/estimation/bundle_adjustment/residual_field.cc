@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 
-#include "bundle_adjustment/image_views.h"
 #include "bundle_adjustment/point_filters.h"
 
 namespace mgsfm {

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "base/parallel.h"
-#include "bundle_adjustment/image_views.h"
+#include "bundle_adjustment/point_filters.h"
 #include "geometry/triangulation.h"
 #include "math/index_groups.h"
 

@@ -32,39 +32,21 @@ constexpr int kMaxGap = 3;
 constexpr size_t kMaxNumMotions = 400;
 // Four times the three unknowns of a rotation.
 constexpr int kMinNumMotions = 12;
-// Normal noise in three components exceeds this in 1 of 2000 cycles.
-constexpr double kMaxCycleErrorInSigmas = 4.2;
-// The error of a wrong pair counts at most this much. With half of it, a camera
-// of another vehicle is not noticed (docs/results/constants.md).
-constexpr double kTruncationRad = DegToRad(5.0);
 // On sound drives the best lag is 0, so that the ratio is 1; a lag of one frame
 // raises the error 2.9 times or more (docs/results/constants.md).
 constexpr double kMinErrorRatio = 1.5;
-// The middle between no lag, 0.5, and a lag that all motions show.
-constexpr double kMinShareBetter = 0.75;
-// Without a lag, the best of ten lags exceeds this in 1 of 3000 cases.
-constexpr double kMinShareInSigmas = 4.0;
 // Errors of sound cameras reach 0.44 of the motion, at 2.1 standard deviations;
 // those of a foreign one are at least 0.79, at 65
 // (docs/results/input_check.md).
 constexpr double kMaxForeignShare = 0.5;
-constexpr double kMaxErrorInSigmas = 6.0;
-// The direction of a motion of this size is accurate to 1 / 5 rad.
-constexpr double kMinMotionInSigmas = 5.0;
 // Cosine of 37 degrees, the largest tilt of a camera that counts as upright.
 // Half or twice the angle changes no verdict (docs/results/constants.md).
 constexpr double kMinVerticalShare = 0.8;
 // Directions are opposite if they differ by more than 134 degrees, the middle
-// between perpendicular and opposite. The rotation between the cameras must be
-// far more certain than that.
+// between perpendicular and opposite.
 constexpr double kOppositeCosine = -0.7;
-constexpr double kMaxUncertaintyRad = DegToRad(10.0);
-// The pairs between two cameras agree if their median deviates less. Those of
-// mirrored images usually deviate by any angle. Half or twice the value changes
-// no verdict (docs/results/constants.md).
-constexpr double kMaxDeviationRad = DegToRad(5.0);
 // The middle between equal and opposite orientations.
-constexpr double kOppositeRad = DegToRad(90.0);
+constexpr double kOppositeRad = kPi / 2;
 
 // A motion of one sensor between two frames.
 struct Motion {
@@ -129,7 +111,7 @@ CheckedMotions CheckCycles(const Motions& motions) {
   const double sigma_of_cycles = RobustSigma<3>(std::move(errors));
   checked.noise_rad = sigma_of_cycles / std::sqrt(3.0);
   for (const auto& [key, error] : least_error) {
-    if (error > kMaxCycleErrorInSigmas * sigma_of_cycles) continue;
+    if (error > kRareErrorInSigmas * sigma_of_cycles) continue;
     checked.motions[key] = motions.at(key);
   }
   return checked;
@@ -182,11 +164,21 @@ std::optional<LagFit> FitLag(const Motions& a, const Motions& b,
   for (size_t i = 0; i < pairs.size(); ++i) {
     errors.push_back(
         std::min((pairs[i].alpha - fit.a_from_b * pairs[i].beta).norm(),
-                 kTruncationRad));
+                 kSameRotationRad));
     result.errors[used[i]] = errors.back();
   }
   result.mean_error = TrimmedMean(std::move(errors));
   return result;
+}
+
+std::vector<double> AxisErrors(const LagFit& fit, const Motions& a,
+                               const Motions& b, const Quaterniond& b_from_a) {
+  std::vector<double> errors_rad;
+  for (const auto& [key, error] : fit.errors) {
+    errors_rad.push_back(
+        AngleBetween(b.at(key).rotation, b_from_a * a.at(key).rotation));
+  }
+  return errors_rad;
 }
 
 double ShareBetter(const LagFit& fit, const LagFit& reference) {
@@ -216,7 +208,7 @@ bool TurnsOpposite(const LagFit& fit, const Motions& a) {
 }
 
 bool IsCertain(const LagFit& fit) {
-  return fit.rotation.uncertainty_rad <= kMaxUncertaintyRad;
+  return fit.rotation.uncertainty_rad <= kSameRotationRad;
 }
 
 // Whether the translations are opposite to those that the rotations imply.
@@ -235,7 +227,8 @@ bool MovesOpposite(const LagFit& fit, const Motions& a, const Motions& b,
 }
 
 std::optional<MotionAgreement> Compare(
-    const std::vector<CheckedMotions>& motions, int sensor_a, int sensor_b) {
+    const Scene& scene, const std::vector<CheckedMotions>& motions,
+    int sensor_a, int sensor_b) {
   const Motions& a = motions[sensor_a].motions;
   const Motions& b = motions[sensor_b].motions;
   const auto keys = SelectMotions(a);
@@ -253,6 +246,14 @@ std::optional<MotionAgreement> Compare(
   result.error_rad = result.best_error_rad = zero->mean_error;
   result.is_mirrored = TurnsOpposite(*zero, a) || MovesOpposite(*zero, a, b, 0);
   if (IsCertain(*zero)) result.b_from_a = zero->rotation.a_from_b;
+  const auto& known_a = scene.sensors[sensor_a].sensor_from_rig;
+  const auto& known_b = scene.sensors[sensor_b].sensor_from_rig;
+  if (known_a && known_b) {
+    result.axis_to_known_rad = AxisErrors(
+        *zero, a, b, known_b->rotation * known_a->rotation.conjugate());
+    result.axis_to_fitted_rad =
+        AxisErrors(*zero, a, b, zero->rotation.a_from_b);
+  }
   for (int lag = -kMaxLag; lag <= kMaxLag; ++lag) {
     if (lag == 0) continue;
     const auto fit = FitLag(a, b, keys, lag);
@@ -268,19 +269,13 @@ bool IsLagging(const MotionAgreement& m) {
   // Without a lag, each motion is better at either lag with equal probability.
   const double share_in_sigmas =
       2.0 * (m.share_better - 0.5) * std::sqrt(m.num_motions);
-  return m.best_lag != 0 && m.share_better > kMinShareBetter &&
-         share_in_sigmas > kMinShareInSigmas &&
+  return m.best_lag != 0 && share_in_sigmas > kRareErrorInSigmas &&
          m.error_rad > kMinErrorRatio * m.best_error_rad;
 }
 
-// Whether the motions are large enough to tell cameras apart.
-bool IsSignificant(const MotionAgreement& m) {
-  return m.mean_motion_rad > kMinMotionInSigmas * m.noise_rad;
-}
-
-// Noise alone causes errors of about two standard deviations.
-bool IsNoise(double error_rad, const MotionAgreement& m) {
-  return error_rad <= kMaxErrorInSigmas * m.noise_rad;
+// Whether noise alone causes angles of this size.
+bool IsNoise(double angle_rad, const MotionAgreement& m) {
+  return angle_rad <= kRareErrorInSigmas * m.noise_rad;
 }
 
 bool IsForeign(const MotionAgreement& m) {
@@ -297,7 +292,7 @@ std::optional<Quaterniond> RotationByPairs(
       continue;
     }
     const auto typical = FindTypicalPose(pair.samples);
-    if (!typical || typical->median_deviation_rad >= kMaxDeviationRad) break;
+    if (!typical || typical->median_deviation_rad >= kSameRotationRad) break;
     return sensor_a < sensor_b ? typical->b_from_a
                                : typical->b_from_a.conjugate();
   }
@@ -318,14 +313,14 @@ bool IsMirrorOfPairs(const MotionAgreement& m, const Quaterniond& by_pairs) {
 
 // Whether a model explains most matches of both cameras.
 bool AreExplained(const MotionAgreement& m, const KeptMatches* kept) {
-  return kept != nullptr && kept->sensors[m.sensor_a].Share() > 0.5 &&
-         kept->sensors[m.sensor_b].Share() > 0.5;
+  return kept != nullptr && kept->sensors[m.sensor_a].IsMostlyKept() &&
+         kept->sensors[m.sensor_b].IsMostlyKept();
 }
 
 bool IsMirrored(const MotionAgreement& m,
                 const std::vector<SensorPairSamples>& samples,
                 const KeptMatches* kept) {
-  if (!IsSignificant(m)) return false;
+  if (IsNoise(m.mean_motion_rad, m)) return false;
   const auto by_pairs = RotationByPairs(samples, m.sensor_a, m.sensor_b);
   return by_pairs ? IsMirrorOfPairs(m, *by_pairs)
                   : m.is_mirrored && !AreExplained(m, kept);
@@ -400,7 +395,8 @@ std::vector<MotionAgreement> CompareMotions(const Scene& scene,
     }
     for (const int k : rig.sensor_idxs) {
       if (k == reference) continue;
-      if (const auto m = Compare(motions, reference, k)) result.push_back(*m);
+      if (const auto m = Compare(scene, motions, reference, k))
+        result.push_back(*m);
     }
   }
   return result;

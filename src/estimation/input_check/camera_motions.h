@@ -38,6 +38,9 @@ struct MotionAgreement {
   bool is_mirrored = false;
   // S, if its standard deviation is below 10 degrees.
   std::optional<Eigen::Quaterniond> b_from_a;
+  // Angles between w_b and S w_a at lag 0, for the known S of the scene (empty
+  // without) and for the fitted one.
+  std::vector<double> axis_to_known_rad, axis_to_fitted_rad;
 };
 
 // Compares each sensor with the one of its rig that has most motions.

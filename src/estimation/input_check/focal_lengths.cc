@@ -30,13 +30,11 @@ constexpr double kConfirmingShare = 0.5;
 // Farther from the known value the linearization is not valid, and the motion
 // does not determine a focal length.
 const double kMaxLogFactor = std::log(2.5);
-// Half or twice the value changes no verdict (docs/results/constants.md).
-constexpr double kMaxSigma = 0.2;
 
 bool IsWrong(const FocalLengthMeasurement& m) {
   const double error = std::abs(m.log_factor);
   return error > kMinLogFactor && error < kMaxLogFactor &&
-         m.sigma < kMaxSigma && error > kMinErrorInSigmas * m.sigma;
+         error > kMinErrorInSigmas * m.sigma;
 }
 
 bool IsSuspicious(const Scene& scene, const FocalLengthMeasurement& m) {

@@ -2,10 +2,12 @@
 #include "input_check/kept_matches.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "base/format.h"
 #include "input_check/rig_samples.h"
+#include "math/robust_scale.h"
 #include "mgsfm/tracks/track_establishment.h"
 
 namespace mgsfm {
@@ -14,17 +16,16 @@ namespace {
 // Cameras of sound drives keep 96 % or more of their matches, frames full of
 // vehicles that keep their distance about half (docs/results/constants.md).
 constexpr double kMinShare = 0.6;
-// A share of 0.6 of 100 matches has a standard error of 5 %.
-constexpr size_t kMinNumMatches = 100;
-// A median of five tolerates two outliers.
-constexpr size_t kMinNumFrames = 5;
 
 std::string Percent(double share) {
   return Formatted("%.0f %%", 100.0 * share);
 }
 
+// Whether the share is below the bound, given its standard error.
 bool IsLost(const KeptCount& count) {
-  return count.num_matches >= kMinNumMatches && count.Share() < kMinShare;
+  const double sigma = std::sqrt(kMinShare * (1.0 - kMinShare) /
+                                 static_cast<double>(count.num_matches));
+  return count.Share() + kRareErrorInSigmas * sigma < kMinShare;
 }
 
 Finding DescribeSensor(const std::string& name, const KeptCount& count) {
@@ -127,7 +128,7 @@ std::vector<Finding> FindLostMatches(const Scene& scene,
   }
   if (!findings.empty()) return findings;
   for (const std::vector<int>& stretch : FindStretches(scene, kept)) {
-    if (stretch.size() < kMinNumFrames) continue;
+    if (stretch.size() < kMinNumRigFrames) continue;
     findings.push_back(DescribeStretch(scene, kept, stretch));
   }
   return findings;

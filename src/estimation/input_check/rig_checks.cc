@@ -18,10 +18,8 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// A median of five tolerates two outliers.
-constexpr size_t kMinNumFrames = 5;
 // Residuals beyond this are wrong pairs, not moves of a rig.
-constexpr double kMaxResidualRad = DegToRad(20.0);
+constexpr double kMaxResidualRad = 2 * kSameRotationRad;
 // Steps of sound rigs reach 3.6 standard deviations, and the weakest real one
 // 24 (docs/results/input_check.md).
 constexpr double kMinStepInSigmas = 6.0;
@@ -30,16 +28,9 @@ constexpr double kMinStretchShare = 0.05;
 // Steps of sound rigs reach 0.54 degrees, at 1.6 standard deviations
 // (docs/results/input_check.md).
 constexpr double kMinStepRad = DegToRad(0.5);
-// Twice kMinStepRad, as a known rotation has an error of its own. Half or twice
-// the value names an error of 5 degrees as well (docs/results/constants.md).
-constexpr double kMinKnownErrorRad = DegToRad(1.0);
-// Normal noise in three dimensions exceeds this with a probability of 1.1e-3.
-constexpr double kMinKnownErrorInSigmas = 4.0;
-// Errors of samples that agree with a pose, for swapped cameras: directions of
-// swapped cameras are opposite, and those of short baselines scatter most. Half
-// or twice the values change no verdict (docs/results/constants.md).
-constexpr double kMaxPoseErrorRad = DegToRad(15.0);
-constexpr double kMaxDirectionErrorRad = DegToRad(45.0);
+// A known rotation has an error of its own. Half or twice the value names an
+// error of 5 degrees as well (docs/results/constants.md).
+constexpr double kMinKnownErrorRad = 2 * kMinStepRad;
 // The share of all samples that agree with one pose or the other: 30 % may be
 // wrong pairs. Half or twice as many change no verdict
 // (docs/results/constants.md).
@@ -166,9 +157,9 @@ bool IsOneStretch(const std::vector<RigSample>& samples,
 
 bool Agrees(const RigSample& sample, const Quaterniond& rotation,
             const std::optional<Vector3d>& direction) {
-  if (AngleBetween(sample.b_from_a, rotation) > kMaxPoseErrorRad) return false;
+  if (AngleBetween(sample.b_from_a, rotation) > kSameRotationRad) return false;
   return !sample.direction || !direction ||
-         AngleBetween(*sample.direction, *direction) < kMaxDirectionErrorRad;
+         AngleBetween(*sample.direction, *direction) < kSameDirectionRad;
 }
 
 }  // namespace
@@ -186,7 +177,7 @@ std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples) {
     frame_idxs.push_back(sample.frame_idx);
   }
   const size_t min_size =
-      std::max(kMinNumFrames,
+      std::max(kMinNumRigFrames,
                static_cast<size_t>(kMinStretchShare *
                                    static_cast<double>(residuals.size())));
   if (residuals.size() < 2 * min_size) return std::nullopt;
@@ -287,14 +278,14 @@ std::vector<Finding> CheckKnownRotations(
     const Scene& scene, const std::vector<SensorPairSamples>& pairs,
     const std::vector<KeptCount>& kept_between) {
   const auto is_explained = [&](int sensor_idx) {
-    return !kept_between.empty() && kept_between[sensor_idx].Share() > 0.5;
+    return !kept_between.empty() && kept_between[sensor_idx].IsMostlyKept();
   };
   std::vector<Finding> findings;
   for (const SensorPairSamples& pair : pairs) {
     const Sensor& a = scene.sensors[pair.sensor_a];
     const Sensor& b = scene.sensors[pair.sensor_b];
     if (!a.sensor_from_rig || !b.sensor_from_rig ||
-        pair.samples.size() < kMinNumFrames) {
+        pair.samples.size() < kMinNumRigFrames) {
       continue;
     }
     const auto typical = FindTypicalPose(pair.samples);
@@ -304,7 +295,7 @@ std::vector<Finding> CheckKnownRotations(
     const double sigma_rad =
         SigmaFromMedianNorm<3>(typical->median_deviation_rad);
     if (error_rad < kMinKnownErrorRad ||
-        error_rad < kMinKnownErrorInSigmas * sigma_rad ||
+        error_rad < kRareErrorInSigmas * sigma_rad ||
         (is_explained(pair.sensor_a) && is_explained(pair.sensor_b))) {
       continue;
     }
@@ -343,7 +334,7 @@ std::vector<Finding> FindSwappedCameras(
     for (const RigSample& sample : pair.samples) {
       const bool can_tell =
           sample.direction ||
-          AngleBetween(inverse, typical->b_from_a) > 2.0 * kMaxPoseErrorRad;
+          AngleBetween(inverse, typical->b_from_a) > 2.0 * kSameRotationRad;
       if (!can_tell) continue;
       if (Agrees(sample, inverse, inverse_direction)) {
         swapped.push_back(sample.frame_idx);
@@ -353,7 +344,7 @@ std::vector<Finding> FindSwappedCameras(
     }
     // The smaller of both groups is named.
     if (swapped.size() > regular.size()) std::swap(swapped, regular);
-    if (swapped.size() < kMinNumFrames ||
+    if (swapped.size() < kMinNumRigFrames ||
         !IsOneStretch(pair.samples, swapped) ||
         static_cast<double>(swapped.size() + regular.size()) <
             kMinExplainedShare * static_cast<double>(pair.samples.size())) {

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "geometry/mean_direction.h"
-#include "geometry/so3.h"
 #include "rotation_averaging/geodesic_median.h"
 
 namespace mgsfm {
@@ -16,9 +15,6 @@ namespace {
 
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
-
-// Rotations that differ by more are not of one rig.
-constexpr double kTruncationRad = DegToRad(10.0);
 
 // All samples of two sensors, by frame.
 using SamplesOfFrames = std::map<int, std::vector<RigSample>>;
@@ -117,7 +113,7 @@ RigSample SelectSample(const std::vector<RigSample>& samples) {
     double sum = 0.0;
     for (const RigSample& other : samples) {
       sum += std::min(AngleBetween(candidate.b_from_a, other.b_from_a),
-                      kTruncationRad);
+                      kSameRotationRad);
     }
     if (sum >= least) continue;
     least = sum;
@@ -167,13 +163,13 @@ std::optional<TypicalRigPose> FindTypicalPose(
   std::vector<Quaterniond> rotations;
   for (const RigSample& sample : samples) rotations.push_back(sample.b_from_a);
   const GeodesicMedian median = FindGeodesicMedian(
-      rotations, std::vector<double>(samples.size(), 1.0), kTruncationRad);
+      rotations, std::vector<double>(samples.size(), 1.0), kSameRotationRad);
   TypicalRigPose typical{median.rotation, std::nullopt,
                          median.median_deviation_rad};
   std::vector<Vector3d> directions;
   for (const RigSample& sample : samples) {
     if (sample.direction &&
-        AngleBetween(sample.b_from_a, typical.b_from_a) < kTruncationRad) {
+        AngleBetween(sample.b_from_a, typical.b_from_a) < kSameRotationRad) {
       directions.push_back(*sample.direction);
     }
   }

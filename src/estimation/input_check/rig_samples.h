@@ -3,13 +3,25 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <optional>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
+
+// Rotations that differ by more are not of one rig: far above the errors of a
+// calibration and of single pairs. With twice the value, an error of 15 degrees
+// is accepted; half of it changes no verdict (docs/results/constants.md).
+inline constexpr double kSameRotationRad = DegToRad(10.0);
+// An inverted translation is wrong by 180 degrees, exchanged axes by 90: half
+// of the smaller. Directions of short baselines scatter most.
+inline constexpr double kSameDirectionRad = DegToRad(45.0);
+// A median of five tolerates two outliers.
+inline constexpr size_t kMinNumRigFrames = 5;
 
 // Measurements of the pose of one sensor relative to another one of its rig,
 // by image pairs alone: a rig that does not change gives the same one in all

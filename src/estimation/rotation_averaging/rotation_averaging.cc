@@ -12,7 +12,6 @@
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "rotation_averaging/gravity.h"
-#include "rotation_averaging/pair_problem.h"
 #include "rotation_averaging/rotation_components.h"
 #include "rotation_averaging/rotation_initialization.h"
 #include "rotation_averaging/rotation_problem.h"

@@ -10,7 +10,7 @@
 #include "georegistration/gravity_leveling.h"
 #include "math/graph.h"
 #include "mgsfm/base/error.h"
-#include "rotation_averaging/pair_problem.h"
+#include "rotation_averaging/rotation_problem.h"
 
 namespace mgsfm {
 namespace {

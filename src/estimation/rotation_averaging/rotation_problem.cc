@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "rotation_averaging/rotation_problem.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/parallel.h"
@@ -54,6 +55,102 @@ ConnectedComponents FindComponents(const RotationProblem& problem) {
     edges.push_back({edge.node1, edge.node2, 1.0});
   }
   return FindConnectedComponents(problem.num_nodes, edges);
+}
+
+namespace {
+
+RotationEdge MakeEdge(const ImagePair& pair,
+                      const RotationAveragingOptions& options) {
+  RotationEdge edge;
+  edge.cam2_from_cam1 = pair.relative_pose->cam2_from_cam1.normalized();
+  edge.support = std::max<double>(1.0, pair.matches.size());
+  const double share =
+      std::min(1.0, edge.support / static_cast<double>(options.inlier_cap));
+  edge.weight = std::sqrt(share);
+  // The inverse variance if matches err independently.
+  edge.final_weight = share;
+  return edge;
+}
+
+}  // namespace
+
+PairProblem BuildImageProblem(const Scene& scene, const ViewGraph& view_graph,
+                              const Mask& pair_is_used,
+                              const RotationAveragingOptions& options) {
+  const bool is_joint = options.strategy == RotationStrategy::kJoint;
+  PairProblem pairs;
+  pairs.problem.num_nodes = static_cast<int>(scene.images.size());
+  pairs.problem.sensor_is_free = {false};
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    if (!pair_is_used[i] || !pair.relative_pose) continue;
+    if (is_joint && scene.images[pair.image_idx1].frame_idx !=
+                        scene.images[pair.image_idx2].frame_idx) {
+      continue;
+    }
+    RotationEdge edge = MakeEdge(pair, options);
+    edge.node1 = pair.image_idx1;
+    edge.node2 = pair.image_idx2;
+    pairs.problem.edges.push_back(edge);
+    pairs.pair_idxs.push_back(i);
+  }
+  return pairs;
+}
+
+bool IsUsable(const Scene& scene, const ImagePair& pair,
+              const SensorFromRig& sensor_from_rig) {
+  return pair.relative_pose &&
+         sensor_from_rig[scene.images[pair.image_idx1].sensor_idx] &&
+         sensor_from_rig[scene.images[pair.image_idx2].sensor_idx];
+}
+
+PairProblem BuildFrameProblem(const Scene& scene, const ViewGraph& view_graph,
+                              const Mask& pair_is_used,
+                              const SensorFromRig& sensor_from_rig,
+                              const RotationAveragingOptions& options) {
+  PairProblem pairs;
+  pairs.problem.num_nodes = static_cast<int>(scene.frames.size());
+  pairs.problem.sensor_is_free.assign(scene.sensors.size(), false);
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    if (!pair_is_used[i] || !IsUsable(scene, pair, sensor_from_rig)) continue;
+    const Image& image1 = scene.images[pair.image_idx1];
+    const Image& image2 = scene.images[pair.image_idx2];
+    RotationEdge edge = MakeEdge(pair, options);
+    edge.node1 = image1.frame_idx;
+    edge.node2 = image2.frame_idx;
+    edge.sensor1 = image1.sensor_idx;
+    edge.sensor2 = image2.sensor_idx;
+    pairs.problem.edges.push_back(edge);
+    pairs.pair_idxs.push_back(i);
+  }
+  return pairs;
+}
+
+RotationProblem WithoutLoops(const RotationProblem& problem) {
+  RotationProblem without_loops = problem;
+  auto& edges = without_loops.edges;
+  edges.erase(std::remove_if(edges.begin(), edges.end(),
+                             [](const RotationEdge& edge) {
+                               return edge.node1 == edge.node2;
+                             }),
+              edges.end());
+  return without_loops;
+}
+
+PairProblem KeepConsistentEdges(const PairProblem& pairs,
+                                const RotationState& state,
+                                double max_error_rad) {
+  PairProblem kept = pairs;
+  kept.problem.edges.clear();
+  kept.pair_idxs.clear();
+  for (size_t e = 0; e < pairs.pair_idxs.size(); ++e) {
+    const RotationEdge& edge = pairs.problem.edges[e];
+    if (RotationResidual(edge, state).norm() > max_error_rad) continue;
+    kept.problem.edges.push_back(edge);
+    kept.pair_idxs.push_back(pairs.pair_idxs[e]);
+  }
+  return kept;
 }
 
 }  // namespace mgsfm

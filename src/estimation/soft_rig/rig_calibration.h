@@ -9,7 +9,7 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/soft_rig/soft_rig.h"
 #include "soft_rig/deviations.h"
-#include "soft_rig/image_motions.h"
+#include "soft_rig/rig_trajectory.h"
 
 namespace mgsfm {
 

@@ -2,9 +2,12 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
 #include "rig_solver/rig_problem.h"
 
 namespace mgsfm {
@@ -37,6 +40,36 @@ class RigTrajectory {
   std::vector<Rigid3> poses_;
   // Per frame; angular velocities in the rig, velocities in the world.
   std::vector<Eigen::Vector3d> angular_velocities_, velocities_;
+};
+
+// The motion of a rig between the time of a frame and that of one of its
+// images.
+class ImageMotions {
+ public:
+  // Without use_times, all images are taken at the time of their frame.
+  ImageMotions(const Scene& scene, bool use_times);
+
+  // Sets the trajectories of all rigs from the poses of their frames.
+  void SetTrajectories(const Reconstruction& reconstruction);
+
+  // D_i of soft_rig.h for a registered image whose camera triggers late by
+  // offset_s.
+  Rigid3 MotionOf(int image_idx, double offset_s) const;
+  // Time between the two frames around the image; infinite if there is only
+  // one frame.
+  double IntervalAt(int image_idx, double offset_s) const;
+  // Median time between two frames of a rig; infinite if there is only one.
+  double MedianInterval(int rig_idx) const;
+
+ private:
+  const RigTrajectory& TrajectoryOf(int image_idx) const;
+
+  const Scene& scene_;
+  const bool use_times_;
+  // Per rig; nullopt if none of its frames is registered.
+  std::vector<std::optional<RigTrajectory>> trajectories_;
+  std::vector<double> median_interval_;  // per rig
+  std::vector<Rigid3> world_from_rig_;   // per frame
 };
 
 }  // namespace mgsfm

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "base/format.h"
-#include "bundle_adjustment/image_views.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"

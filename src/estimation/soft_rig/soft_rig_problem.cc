@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "bundle_adjustment/dense_numbering.h"
+#include "bundle_adjustment/problem_builder.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {

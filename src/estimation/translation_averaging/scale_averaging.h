@@ -5,7 +5,9 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "pair_filtering/baseline_consistency.h"
 #include "translation_averaging/baseline_directions.h"
+#include "translation_averaging/position_problem.h"
 
 namespace mgsfm {
 
@@ -57,5 +59,25 @@ struct LengthHints {
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
                          const LengthHints& hints = {});
+
+// The inputs of baseline consistency (pair_filtering/baseline_consistency.h)
+// from the values of translation averaging.
+
+// Per direction: the baseline scale * group_factor * direction. Pairs in the
+// largest scale group are comparable.
+MeasuredBaselines MeasureBaselines(
+    const std::vector<BaselineDirection>& directions, const PairScales& scales,
+    const std::vector<double>& group_factor);
+
+// Per image.
+CameraCenters ComputeCameraCenters(const PositionProblem& problem,
+                                   const Positions& positions);
+
+// Baselines and centers in the unit of `group_factor`.
+BaselineComparison CompareWith(const PositionProblem& problem,
+                               const std::vector<BaselineDirection>& directions,
+                               const PairScales& scales,
+                               const std::vector<double>& group_factor,
+                               const Positions& positions);
 
 }  // namespace mgsfm

@@ -6,13 +6,11 @@
 #include <functional>
 
 #include "matching/nearest_two.h"
-#include "matching/rough_matching.h"
 
 namespace mgsfm {
 namespace {
 
-using internal::RoughDecision;
-using State = internal::RoughDecision::State;
+using State = RoughDecision::State;
 
 // Descriptors have a norm of 512 up to the rounding of their elements.
 constexpr double kSquaredNorm = 512.0 * 512.0;
@@ -71,11 +69,11 @@ void SettleUnsure(DescriptorView descriptors, DescriptorView others,
 }
 
 // The decisions of all descriptors; none that a match depends on is unsure.
-internal::RoughDecisions DecideAll(DescriptorView descriptors1,
-                                   DescriptorView descriptors2,
-                                   const DescriptorMatchingOptions& options) {
+RoughDecisions DecideAll(DescriptorView descriptors1,
+                         DescriptorView descriptors2,
+                         const DescriptorMatchingOptions& options) {
   const Acceptance accepts(options);
-  auto decisions = internal::DecideRoughly(descriptors1, descriptors2, accepts);
+  auto decisions = DecideRoughly(descriptors1, descriptors2, accepts);
   if (!decisions) {
     decisions.emplace();
     decisions->of_1.resize(descriptors1.size);
@@ -111,7 +109,7 @@ std::vector<Match> MatchDescriptors(DescriptorView descriptors1,
   const auto max_size = static_cast<size_t>(options.max_num_matches);
   descriptors1.size = std::min(descriptors1.size, max_size);
   descriptors2.size = std::min(descriptors2.size, max_size);
-  const internal::RoughDecisions decisions =
+  const RoughDecisions decisions =
       DecideAll(descriptors1, descriptors2, options);
   std::vector<Match> matches;
   for (size_t i = 0; i < decisions.of_1.size(); ++i) {

@@ -6,7 +6,7 @@
 #include <map>
 #include <optional>
 
-#include "matching/pair_lists.h"
+#include "matching/pair_selection.h"
 
 namespace mgsfm {
 namespace {
@@ -86,9 +86,9 @@ ImagePairList ReadPairList(TextLines lines,
   ImagePairList pairs;
   while (lines.NextContent()) {
     const auto [image1, image2] = names.Split(lines);
-    pairs.push_back(internal::MakePair(image1, image2));
+    pairs.push_back(MakePair(image1, image2));
   }
-  internal::SortUnique(&pairs);
+  SortUnique(&pairs);
   return pairs;
 }
 
@@ -99,7 +99,7 @@ std::vector<ListedMatches> ReadMatchList(
   while (lines.NextContent()) {
     const auto [image1, image2] = names.Split(lines);
     const auto [entry, is_new] =
-        matches_of_pair.try_emplace(internal::MakePair(image1, image2));
+        matches_of_pair.try_emplace(MakePair(image1, image2));
     if (!is_new) {
       lines.Throw("duplicate pair '" + std::string(lines.line()) + "'");
     }

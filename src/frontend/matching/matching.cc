@@ -7,12 +7,11 @@
 
 #include "base/file_reading.h"
 #include "base/text_streams.h"
+#include "matching/frame_pair_verification.h"
 #include "matching/match_list.h"
 #include "matching/pair_matching.h"
 #include "matching/pair_selection.h"
 #include "matching/scene_pairs.h"
-#include "matching/selected_pairs.h"
-#include "matching/unit_verification.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 
@@ -44,9 +43,8 @@ class Run {
   // Joint verification of the pairs of frames; all pairs must be matched.
   void VerifyUnits(const ImagePairList& pairs) {
     if (!options_.rig_verification.rig_verification) return;
-    const internal::UnitVerificationSummary units =
-        internal::VerifyUnitsOfPairs(pairs, scene_, options_,
-                                     {*database_, *database_}, context_);
+    const FramePairSummary units = VerifyUnitsOfPairs(
+        pairs, scene_, options_, {*database_, *database_}, context_);
     if (units.num_frame_pairs == 0) return;
     context_.Info(
         "rig verification of " + std::to_string(units.num_frame_pairs) +
@@ -66,6 +64,12 @@ class Run {
         std::to_string(summary_.num_done) + " were in the database, " +
         std::to_string(std::lround(num_new / seconds)) + " new pairs/s");
     return summary_;
+  }
+
+  PairMatchingSummary MatchAll(const ImagePairList& pairs, const char* name) {
+    Match(pairs, name);
+    VerifyUnits(pairs);
+    return Finish(name);
   }
 
   const PairMatcher& matcher() const { return matcher_; }
@@ -117,8 +121,8 @@ void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
   };
   for (const ListedMatches& list : lists) {
     const auto [idx1, idx2] = list.images;
-    internal::CheckMatches(list.matches, count(idx1), count(idx2),
-                           scene.images[idx1].name, scene.images[idx2].name);
+    CheckMatches(list.matches, count(idx1), count(idx2),
+                 scene.images[idx1].name, scene.images[idx2].name);
   }
 }
 
@@ -138,8 +142,7 @@ void WriteListedMatches(const Scene& scene,
       ImagePair pair;
       pair.config = TwoViewConfig::kUncalibrated;
       pair.matches = list.matches;
-      database->WriteTwoViewGeometry(
-          internal::MakeTwoViewRow(scene, list.images, pair));
+      database->WriteTwoViewGeometry(MakeTwoViewRow(scene, list.images, pair));
     }
   }
   transaction.Commit();
@@ -205,12 +208,10 @@ PairMatchingSummary MatchByVocabulary(FeatureDatabase* database,
                                       const VocabularyOptions& vocabulary,
                                       const PairMatchingOptions& matching,
                                       const Context& context) {
-  const ImagePairList pairs =
-      SelectByVocabulary(*database, scene, options, vocabulary, context);
-  Run run(database, scene, matching, context);
-  run.Match(pairs, "vocabulary tree matching");
-  run.VerifyUnits(pairs);
-  return run.Finish("vocabulary tree matching");
+  return Run(database, scene, matching, context)
+      .MatchAll(
+          SelectByVocabulary(*database, scene, options, vocabulary, context),
+          "vocabulary tree matching");
 }
 
 PairMatchingSummary MatchSpatially(FeatureDatabase* database,
@@ -218,12 +219,9 @@ PairMatchingSummary MatchSpatially(FeatureDatabase* database,
                                    const SpatialMatchingOptions& options,
                                    const PairMatchingOptions& matching,
                                    const Context& context) {
-  const ImagePairList pairs =
-      SelectSpatially(*database, scene, options, context);
-  Run run(database, scene, matching, context);
-  run.Match(pairs, "spatial matching");
-  run.VerifyUnits(pairs);
-  return run.Finish("spatial matching");
+  return Run(database, scene, matching, context)
+      .MatchAll(SelectSpatially(*database, scene, options, context),
+                "spatial matching");
 }
 
 PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
@@ -251,11 +249,8 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
 PairMatchingSummary VerifyMatches(FeatureDatabase* database, const Scene& scene,
                                   const PairMatchingOptions& matching,
                                   const Context& context) {
-  const ImagePairList pairs = SelectMatched(*database, scene);
-  Run run(database, scene, matching, context);
-  run.Match(pairs, "verification");
-  run.VerifyUnits(pairs);
-  return run.Finish("verification");
+  return Run(database, scene, matching, context)
+      .MatchAll(SelectMatched(*database, scene), "verification");
 }
 
 }  // namespace mgsfm

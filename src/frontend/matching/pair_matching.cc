@@ -2,15 +2,19 @@
 #include "matching/pair_matching.h"
 
 #include <algorithm>
+#include <array>
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "base/fingerprint.h"
 #include "base/parallel.h"
+#include "database/database_shard.h"
 #include "matching/descriptor_matching.h"
-#include "matching/feature_cache.h"
+#include "matching/frame_pair_verification.h"
 #include "matching/scene_pairs.h"
-#include "matching/unit_verification.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/options_io.h"
 
 namespace mgsfm {
 namespace {
@@ -26,21 +30,20 @@ struct PairMatcher::Result {
   ImagePair verified;
 };
 
-PairMatcher::PairMatcher(const internal::MatchDatabases& databases,
-                         const Scene& scene, const PairMatchingOptions& options,
+PairMatcher::PairMatcher(const MatchDatabases& databases, const Scene& scene,
+                         const PairMatchingOptions& options,
                          const Context& context)
     : databases_(databases),
       scene_(scene),
       options_(options),
       context_(context),
-      cache_(std::make_unique<internal::FeatureCache>(
+      cache_(std::make_unique<FeatureCache>(
           databases.features, scene,
           static_cast<size_t>(options.cache_size_mib) << 20)) {
-  for (const auto& [pair, number] : internal::CountMatches(databases, scene)) {
+  for (const auto& [pair, number] : CountMatches(databases, scene)) {
     matched_.insert(pair);
   }
-  for (const auto& [pair, number] :
-       internal::CountInlierMatches(databases, scene)) {
+  for (const auto& [pair, number] : CountInlierMatches(databases, scene)) {
     num_inliers_.emplace(pair, number);
   }
 }
@@ -76,8 +79,7 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
     for (size_t i = 0; i < batch.size(); ++i) {
       results[i].has_new_matches = matched_.count(batch[i]) == 0;
       if (results[i].has_new_matches) continue;
-      results[i].matches =
-          internal::ReadMatchesOfPair(databases_, scene_, batch[i]);
+      results[i].matches = ReadMatchesOfPair(databases_, scene_, batch[i]);
     }
     ParallelFor(
         batch.size(), context_.num_threads,
@@ -130,16 +132,14 @@ PairMatcher::Result PairMatcher::MatchPair(const ImageIdxPair& pair,
   const auto& features1 = cache_->Get(pair.image_idx1);
   const auto& features2 = cache_->Get(pair.image_idx2);
   if (has_matches) {
-    internal::CheckMatches(matches, features1.keypoints_px.size(),
-                           features2.keypoints_px.size(), image1.name,
-                           image2.name);
+    CheckMatches(matches, features1.keypoints_px.size(),
+                 features2.keypoints_px.size(), image1.name, image2.name);
   } else {
     matches = MatchDescriptors(features1.Descriptors(), features2.Descriptors(),
                                options_.matching);
   }
-  ImagePair verified =
-      internal::VerifyImages(scene_, pair, features1, features2, matches,
-                             options_.two_view_geometry, context_);
+  ImagePair verified = VerifyImages(scene_, pair, features1, features2, matches,
+                                    options_.two_view_geometry, context_);
   return {!has_matches, std::move(matches), std::move(verified)};
 }
 
@@ -154,13 +154,100 @@ void PairMatcher::Write(const std::vector<ImageIdxPair>& batch,
                                      result.matches);
     }
     databases_.output.WriteTwoViewGeometry(
-        internal::MakeTwoViewRow(scene_, batch[i], result.verified));
+        MakeTwoViewRow(scene_, batch[i], result.verified));
   }
   transaction.Commit();
   for (size_t i = 0; i < batch.size(); ++i) {
     matched_.insert(batch[i]);
     num_inliers_[batch[i]] = results[i].verified.matches.size();
   }
+}
+
+namespace {
+
+// The default of ExhaustiveMatching.block_size.
+constexpr size_t kImagesPerBlock = 50;
+
+// Everything that the matches of the pairs depend on, beside the database.
+std::string FingerprintOf(const Scene& scene, const ImagePairList& pairs,
+                          PairMatchingOptions options, uint64_t random_seed) {
+  Fingerprint fingerprint;
+  for (const Image& image : scene.images) {
+    fingerprint.Add(image.frame_idx).Add(image.sensor_idx);
+  }
+  for (const Sensor& sensor : scene.sensors) {
+    fingerprint.Add(sensor.sensor_from_rig.has_value());
+    if (!sensor.sensor_from_rig) continue;
+    const Rigid3& pose = *sensor.sensor_from_rig;
+    for (const double value : pose.rotation.coeffs()) fingerprint.Add(value);
+    for (const double value : pose.translation) fingerprint.Add(value);
+  }
+  for (const ImageIdxPair& pair : pairs) {
+    fingerprint.Add(pair.image_idx1).Add(pair.image_idx2);
+  }
+  options.cache_size_mib = PairMatchingOptions().cache_size_mib;
+  return fingerprint.Add(OptionsToJsonOf(options)).Add(random_seed).ToString();
+}
+
+}  // namespace
+
+ImagePairList PairsOfShare(const ImagePairList& pairs, const Scene& scene,
+                           const Share& share) {
+  const size_t num_images = std::max<size_t>(1, scene.images.size());
+  const int frames_per_block = static_cast<int>(
+      std::max<size_t>(1, kImagesPerBlock * scene.frames.size() / num_images));
+  using FramePair = std::array<int, 4>;  // blocks and frames
+  const auto frames_of = [&](const ImageIdxPair& pair) {
+    const auto [first, second] =
+        std::minmax(scene.images[pair.image_idx1].frame_idx,
+                    scene.images[pair.image_idx2].frame_idx);
+    return FramePair{first / frames_per_block, second / frames_per_block,
+                     int{first}, int{second}};
+  };
+  std::vector<std::pair<FramePair, ImageIdxPair>> order;
+  order.reserve(pairs.size());
+  for (const ImageIdxPair& pair : pairs) {
+    order.emplace_back(frames_of(pair), pair);
+  }
+  std::sort(order.begin(), order.end());
+  // A pair of frames belongs to the share in which its first pair lies.
+  const auto first_of_group = [&](size_t i) {
+    while (i > 0 && i < order.size() && order[i].first == order[i - 1].first) {
+      ++i;
+    }
+    return i;
+  };
+  ImagePairList selected;
+  const size_t end = first_of_group(share.End(order.size()));
+  for (size_t i = first_of_group(share.Begin(order.size())); i < end; ++i) {
+    selected.push_back(order[i].second);
+  }
+  return selected;
+}
+
+PairMatchingSummary MatchShare(const FeatureDatabase& features,
+                               const Scene& scene, const ImagePairList& pairs,
+                               const Share& share,
+                               const PairMatchingOptions& options,
+                               FeatureDatabase* shard, const Context& context) {
+  ShardManifest manifest{
+      ShardKind::kMatches, share,
+      FingerprintOfStructure(features, context) +
+          FingerprintOf(scene, pairs, options, context.random_seed),
+      false};
+  const bool is_complete = BeginShard(manifest, shard);
+  const MatchDatabases databases{features, *shard};
+  const ImagePairList selected = PairsOfShare(pairs, scene, share);
+  PairMatcher matcher(databases, scene, options, context);
+  const PairMatchingSummary summary =
+      matcher.Run(selected, "matching of share " + share.ToString());
+  if (!is_complete && options.rig_verification.rig_verification) {
+    VerifyUnitsOfPairs(selected, scene, options, databases, context);
+  }
+  features.CheckUnchanged();
+  manifest.is_complete = true;
+  if (!is_complete) shard->WriteShard(manifest);
+  return summary;
 }
 
 }  // namespace mgsfm

@@ -18,9 +18,7 @@
 
 namespace mgsfm {
 
-namespace internal {
 class FeatureCache;
-}  // namespace internal
 
 // Progress of a list of pairs that is one of several: the number of pairs in
 // the lists before it, and in all lists.
@@ -35,7 +33,7 @@ struct ProgressSpan {
 class PairMatcher {
  public:
   // Finds out which pairs the databases contain.
-  PairMatcher(const internal::MatchDatabases& databases, const Scene& scene,
+  PairMatcher(const MatchDatabases& databases, const Scene& scene,
               const PairMatchingOptions& options, const Context& context);
   ~PairMatcher();
 
@@ -56,13 +54,31 @@ class PairMatcher {
   void Write(const std::vector<ImageIdxPair>& batch,
              const std::vector<Result>& results);
 
-  const internal::MatchDatabases databases_;
+  const MatchDatabases databases_;
   const Scene& scene_;
   const PairMatchingOptions& options_;
   const Context& context_;
-  std::unique_ptr<internal::FeatureCache> cache_;
+  std::unique_ptr<FeatureCache> cache_;
   std::set<ImageIdxPair> matched_;
   std::map<ImageIdxPair, size_t> num_inliers_;  // of pairs with a geometry
 };
+
+// One share of the pairs. All pairs of two frames are in one share, because
+// rig verification needs them together; shares have about the same number of
+// pairs. Pairs of two blocks of some 50 images follow each other, so that the
+// features of an image are read for many pairs.
+ImagePairList PairsOfShare(const ImagePairList& pairs, const Scene& scene,
+                           const Share& share);
+
+// Matches and verifies one share of `pairs`, which must be the same in all
+// processes, and writes the matches into a database of their own, a shard.
+// `features` is open kReadOnly; pairs that it has already are not matched
+// again. A share may be empty. Throws Error if `shard` is another shard or
+// none.
+PairMatchingSummary MatchShare(const FeatureDatabase& features,
+                               const Scene& scene, const ImagePairList& pairs,
+                               const Share& share,
+                               const PairMatchingOptions& options,
+                               FeatureDatabase* shard, const Context& context);
 
 }  // namespace mgsfm

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <functional>
 #include <optional>
+#include <string>
 #include <vector>
 
-#include "matching/word_index.h"
 #include "mgsfm/base/context.h"
+#include "mgsfm/database/feature_database.h"
 #include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"
 
@@ -67,30 +69,6 @@ ImagePairList OverlappingSensorPairs(
     const SequentialPairOptions& options,
     const std::function<bool(const ImageIdxPair&)>& is_verified);
 
-// ------------------------------------------------------------ retrieval
-
-struct FrameRetrievalOptions {
-  int period = 1;
-  int num_images = 50;
-  int num_images_after_verification = 10;
-  // Minimum distance of two frames of one sequence; 0 also allows images of the
-  // same frame.
-  int min_frame_distance = 0;
-};
-
-// Retrieves similar frames by visual words. Every period-th frame of a sequence
-// is a query and is compared with all others as a rigid unit: the similarity of
-// two frames is the sum over their image pairs, so that cameras vote jointly.
-// The num_images most similar frames are ranked by spatially consistent words
-// over all image pairs; the first num_images_after_verification (0: all) are
-// kept. Their image pairs with enough consistent words are selected.
-// `images` are those of `index`.
-ImagePairList RetrievePairs(const std::vector<FrameSequence>& sequences,
-                            const std::vector<WordImage>& images,
-                            const WordIndex& index,
-                            const FrameRetrievalOptions& options,
-                            const Context& context);
-
 // -------------------------------------------------------------- position
 
 // Pairs of each image with its nearest neighbors; of equally near images those
@@ -102,5 +80,56 @@ ImagePairList SpatialPairs(
     const Scene& scene,
     const std::vector<std::optional<Eigen::Vector3d>>& position_of_image,
     const SpatialMatchingOptions& options, const Context& context);
+
+inline ImageIdxPair MakePair(int image_idx1, int image_idx2) {
+  return {std::min(image_idx1, image_idx2), std::max(image_idx1, image_idx2)};
+}
+
+inline void SortUnique(ImagePairList* pairs) {
+  std::sort(pairs->begin(), pairs->end());
+  pairs->erase(std::unique(pairs->begin(), pairs->end()), pairs->end());
+}
+
+// The pairs that the functions of matching.h match, without matching them. They
+// depend on features, positions, names and options only, so that processes that
+// match a share each agree on them.
+
+ImagePairList SelectExhaustively(const Scene& scene);
+
+// Matches the probe pairs in a temporary file, to learn which cameras overlap.
+ImagePairList SelectSequentially(const FeatureDatabase& database,
+                                 const Scene& scene,
+                                 const SequentialMatchingOptions& options,
+                                 const VocabularyOptions& vocabulary,
+                                 const PairMatchingOptions& matching,
+                                 const Context& context);
+
+// Loops of sequential matching; nearer frames are not retrieved.
+ImagePairList SelectLoops(const FeatureDatabase& database, const Scene& scene,
+                          const SequentialMatchingOptions& options,
+                          const VocabularyOptions& vocabulary,
+                          const Context& context);
+
+ImagePairList SelectByVocabulary(const FeatureDatabase& database,
+                                 const Scene& scene,
+                                 const VocabTreeMatchingOptions& options,
+                                 const VocabularyOptions& vocabulary,
+                                 const Context& context);
+
+// Throws Error if the database has no position priors.
+ImagePairList SelectSpatially(const FeatureDatabase& database,
+                              const Scene& scene,
+                              const SpatialMatchingOptions& options,
+                              const Context& context);
+
+// The pairs of a file (match_list.h).
+ImagePairList SelectListed(const Scene& scene, const std::string& list_path);
+// Writes such a file.
+void WritePairList(const ImagePairList& pairs, const Scene& scene,
+                   const std::string& list_path);
+
+// All pairs with matches.
+ImagePairList SelectMatched(const FeatureDatabase& database,
+                            const Scene& scene);
 
 }  // namespace mgsfm

@@ -10,7 +10,7 @@
 #include <limits>
 #include <vector>
 
-namespace mgsfm::internal {
+namespace mgsfm {
 namespace {
 
 // Reweighting steps of the local optimization; each uses the inliers and
@@ -86,9 +86,12 @@ struct FundamentalProblem {
   const RayMatches& matches;
   double max_squared_error;
 
-  double SquaredError(const Model& F, size_t i) const {
-    return FundamentalTerms(F, matches.rays1[i], matches.rays2[i])
-        .SquaredError();
+  // The squared error of match i, as a function of i.
+  auto SquaredErrorOf(const Model& F) const {
+    return [this, &F](size_t i) {
+      return FundamentalTerms(F, matches.rays1[i], matches.rays2[i])
+          .SquaredError();
+    };
   }
 
   // x F1 + (1 - x) F2 of determinant 0; F1 and F2 span the kernel.
@@ -156,6 +159,12 @@ struct HomographyProblem {
   const RayMatches& matches;
   double max_squared_error;
 
+  auto SquaredErrorOf(const Model& H) const {
+    return [this, test = HomographyTest(H)](size_t i) {
+      return test.SquaredError(matches.rays1[i], matches.rays2[i]);
+    };
+  }
+
   // In each image, the basis of three rays in which the fourth is (1, 1, 1).
   int Solve(const std::array<size_t, 4>& sample,
             std::array<Model, 3>* models) const {
@@ -212,26 +221,13 @@ struct HomographyProblem {
   }
 };
 
-PoseScore ScoreModel(const FundamentalProblem& problem,
-                     const Eigen::Matrix3d& F, double max_cost) {
+template <class Problem>
+PoseScore ScoreModel(const Problem& problem,
+                     const typename Problem::Model& model, double max_cost) {
+  const auto squared_error = problem.SquaredErrorOf(model);
   PoseScore score;
   for (size_t i = 0; i < problem.matches.size(); ++i) {
-    const double error = problem.SquaredError(F, i);
-    const bool is_inlier = error <= problem.max_squared_error;
-    score.cost += is_inlier ? error : problem.max_squared_error;
-    score.num_inliers += is_inlier ? 1 : 0;
-    if (score.cost > max_cost) break;
-  }
-  return score;
-}
-
-PoseScore ScoreModel(const HomographyProblem& problem, const Eigen::Matrix3d& H,
-                     double max_cost) {
-  const HomographyTest test(H);
-  PoseScore score;
-  for (size_t i = 0; i < problem.matches.size(); ++i) {
-    const double error =
-        test.SquaredError(problem.matches.rays1[i], problem.matches.rays2[i]);
+    const double error = squared_error(i);
     const bool is_inlier = error <= problem.max_squared_error;
     score.cost += is_inlier ? error : problem.max_squared_error;
     score.num_inliers += is_inlier ? 1 : 0;
@@ -311,4 +307,4 @@ double HomographyTest::SquaredError(const Eigen::Vector3d& ray1,
   return std::max(backward, forward);
 }
 
-}  // namespace mgsfm::internal
+}  // namespace mgsfm

@@ -7,7 +7,7 @@
 #include "base/random.h"
 #include "geometry/epipolar.h"
 
-namespace mgsfm::internal {
+namespace mgsfm {
 
 // Two-view models on unit rays other than relative poses. Both are estimated by
 // LO-RANSAC with the truncated squared error of EstimateRelativePose as cost,
@@ -46,4 +46,4 @@ class HomographyTest {
   Eigen::Matrix3d inverse_;
 };
 
-}  // namespace mgsfm::internal
+}  // namespace mgsfm

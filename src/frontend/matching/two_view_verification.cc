@@ -9,7 +9,6 @@
 
 #include "geometry/epipolar.h"
 #include "matching/ray_models.h"
-#include "matching/watermark.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
@@ -62,11 +61,6 @@ Eigen::Matrix3d LinearPart(const Camera& camera) {
   K(0, 2) = camera.params[info.principal_point_idxs.front()];
   K(1, 2) = camera.params[info.principal_point_idxs.back()];
   return K;
-}
-
-double RadiansPerPixel(const Camera& camera1, const Camera& camera2) {
-  return 0.5 / PixelsPerRadian(camera1.model, camera1.params.data()) +
-         0.5 / PixelsPerRadian(camera2.model, camera2.params.data());
 }
 
 // Conversion from rays, f2^T F f1 = 0 and f2 ~ H f1, to pixels.
@@ -207,8 +201,7 @@ class PairVerifier {
     }
     if (pair_.config != TwoViewConfig::kDegenerate &&
         options_.detect_watermark &&
-        internal::IsWatermark(view1_, view2_, pair_.matches, options_,
-                              random_)) {
+        IsWatermark(view1_, view2_, pair_.matches, options_, random_)) {
       pair_.config = TwoViewConfig::kWatermark;
     }
     return std::move(pair_);
@@ -264,9 +257,9 @@ class PairVerifier {
         sample[i] = inliers[i * inliers.size() / sample.size()];
       }
     }
-    *H = internal::EstimateHomography(rays_.Select(sample), ransac, random_);
+    *H = EstimateHomography(rays_.Select(sample), ransac, random_);
     if (!*H) return {};
-    const internal::HomographyTest test(**H);
+    const HomographyTest test(**H);
     return rays_.Inliers([&](const auto& ray1, const auto& ray2) {
       return test.SquaredError(ray1, ray2) <=
              rays_.max_error_rad * rays_.max_error_rad;
@@ -317,12 +310,11 @@ class PairVerifier {
   }
 
   void VerifyUncalibrated() {
-    const auto F = internal::EstimateFundamental(rays_.rays, ransac_, random_);
+    const auto F = EstimateFundamental(rays_.rays, ransac_, random_);
     std::vector<size_t> inliers;
     if (F) {
       inliers = rays_.Inliers([&](const auto& ray1, const auto& ray2) {
-        return internal::IsFundamentalInlier(*F, ray1, ray2,
-                                             rays_.max_error_rad);
+        return IsFundamentalInlier(*F, ray1, ray2, rays_.max_error_rad);
       });
     }
     if (!HasEnough(inliers.size())) return;
@@ -352,11 +344,61 @@ class PairVerifier {
 
 }  // namespace
 
+double RadiansPerPixel(const Camera& camera1, const Camera& camera2) {
+  return 0.5 / PixelsPerRadian(camera1.model, camera1.params.data()) +
+         0.5 / PixelsPerRadian(camera2.model, camera2.params.data());
+}
+
 ImagePair VerifyPair(const VerificationView& view1,
                      const VerificationView& view2,
                      const std::vector<Match>& matches,
                      const TwoViewGeometryOptions& options, Random random) {
   return PairVerifier(view1, view2, matches, options, &random).Verify();
+}
+
+namespace {
+
+// At the default ratio of 0.7 all 20 samples are outliers with a probability of
+// 0.3^20 < 1e-10.
+constexpr int kNumTrials = 20;
+
+bool IsInBorder(const Camera& camera, const Eigen::Vector2f& point,
+                double border_size) {
+  const double width = camera.width_px, height = camera.height_px;
+  const double border = border_size * std::hypot(width, height);
+  return point.x() < border || point.y() < border ||
+         point.x() > width - border || point.y() > height - border;
+}
+
+}  // namespace
+
+bool IsWatermark(const VerificationView& view1, const VerificationView& view2,
+                 const std::vector<Match>& inliers,
+                 const TwoViewGeometryOptions& options, Random* random) {
+  std::vector<Eigen::Vector2f> shifts;
+  for (const Match& match : inliers) {
+    const Eigen::Vector2f& point1 = (*view1.keypoints_px)[match.keypoint_idx1];
+    const Eigen::Vector2f& point2 = (*view2.keypoints_px)[match.keypoint_idx2];
+    if (IsInBorder(*view1.camera, point1, options.watermark_border_size) &&
+        IsInBorder(*view2.camera, point2, options.watermark_border_size)) {
+      shifts.emplace_back(point2 - point1);
+    }
+  }
+  const double min_num_shifts =
+      options.watermark_min_inlier_ratio * static_cast<double>(inliers.size());
+  if (shifts.empty() || static_cast<double>(shifts.size()) < min_num_shifts) {
+    return false;
+  }
+  for (int trial = 0; trial < kNumTrials; ++trial) {
+    const Eigen::Vector2f shift =
+        shifts[random->Index(static_cast<uint32_t>(shifts.size()))];
+    const auto num_alike = std::count_if(
+        shifts.begin(), shifts.end(), [&](const Eigen::Vector2f& other) {
+          return (other - shift).norm() <= options.max_error;
+        });
+    if (static_cast<double>(num_alike) >= min_num_shifts) return true;
+  }
+  return false;
 }
 
 }  // namespace mgsfm

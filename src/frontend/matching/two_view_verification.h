@@ -21,6 +21,9 @@ struct VerificationView {
   const std::vector<std::optional<Eigen::Vector3d>>* rays = nullptr;
 };
 
+// The mean angle of a pixel of both cameras, at their principal points.
+double RadiansPerPixel(const Camera& camera1, const Camera& camera2);
+
 // Estimates the two-view geometry with the largest consensus and its inliers.
 //
 // Calibrated path, if both cameras have a prior focal length or either model is
@@ -53,5 +56,13 @@ struct VerificationView {
                                    const std::vector<Match>& matches,
                                    const TwoViewGeometryOptions& options,
                                    Random random);
+
+// Whether the inliers of a two-view geometry are those of a watermark, that is,
+// a frame or caption inserted into both images: at least
+// watermark_min_inlier_ratio of them lie at the border of both images and share
+// one translation, up to max_error.
+bool IsWatermark(const VerificationView& view1, const VerificationView& view2,
+                 const std::vector<Match>& inliers,
+                 const TwoViewGeometryOptions& options, Random* random);
 
 }  // namespace mgsfm

@@ -6,7 +6,6 @@
 #include <map>
 
 #include "base/file_reading.h"
-#include "calibration/formats.h"
 #include "calibration/yaml_value.h"
 #include "mgsfm/base/error.h"
 #include "scene/intrinsics_check.h"

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "calibration/yaml_value.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/geometry/rigid3.h"
 
@@ -46,5 +48,54 @@ struct CalibratedCamera {
 // naming file, line and remedy, if a file is malformed and if there is no
 // camera.
 std::vector<CalibratedCamera> ReadCalibration(const std::string& paths);
+
+// One file of a calibration, and how its readers know it. All readers throw
+// Error, naming file, line and remedy, for malformed values.
+
+// Kalibr: a map cam0, cam1, ... with camera_model, intrinsics,
+// distortion_model, distortion_coeffs and T_cn_cnm1 (from the camera before) or
+// T_cam_imu.
+bool IsKalibr(const YamlValue& file);
+std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file);
+
+// EuRoC: T_BS (body from sensor), intrinsics, distortion_coefficients. The
+// folder of the file names the camera.
+bool IsEuroc(const YamlValue& file);
+std::vector<CalibratedCamera> ReadEuroc(const YamlValue& file,
+                                        const std::filesystem::path& path);
+
+// ROS camera_info and cv::FileStorage: camera_matrix and
+// distortion_coefficients. The optional rectification_matrix and
+// projection_matrix give the pose relative to the rectified left camera.
+bool IsOpenCv(const YamlValue& file);
+std::vector<CalibratedCamera> ReadOpenCv(const YamlValue& file,
+                                         const std::filesystem::path& path);
+
+// camodocal: model_type PINHOLE, KANNALA_BRANDT or MEI. The fisheyes of
+// KITTI-360 have poses in calib_cam_to_pose.txt beside the file.
+bool IsCamodocal(const YamlValue& file);
+std::vector<CalibratedCamera> ReadCamodocal(const YamlValue& file,
+                                            const std::filesystem::path& path);
+
+// nuScenes: an array of calibrated sensors with the table sensor.json beside
+// it, or a map from cameras to such objects.
+bool IsNuScenes(const YamlValue& file);
+std::vector<CalibratedCamera> ReadNuScenes(const YamlValue& file,
+                                           const std::filesystem::path& path);
+
+// Argoverse 1: camera_data_.
+bool IsArgoverse(const YamlValue& file);
+std::vector<CalibratedCamera> ReadArgoverse(const YamlValue& file);
+
+// KITTI: lines "P0: 12 numbers" or without names (odometry), or the P_rect_00,
+// S_rect_00, R_rect_00 of rectified images (raw data, KITTI-360).
+bool IsKitti(const std::string& text);
+std::vector<CalibratedCamera> ReadKitti(const std::string& text,
+                                        const std::filesystem::path& path);
+
+// KITTI-360: the pose of a camera by calib_cam_to_pose.txt beside the
+// calibration of its lens; nullopt if there is none.
+std::optional<Rigid3> CamFromVehicleOfKitti360(
+    const std::filesystem::path& path, const std::string& name);
 
 }  // namespace mgsfm

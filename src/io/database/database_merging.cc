@@ -12,13 +12,11 @@
 #include <utility>
 
 #include "base/text.h"
-#include "database/database_pair_id.h"
 #include "database/database_reader.h"
 #include "database/database_rows.h"
 #include "database/database_shard.h"
-#include "database/feature_keypoints.h"
 #include "database/merged_structure.h"
-#include "database/sqlite_snapshot.h"
+#include "database/sqlite_database.h"
 #include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"

@@ -8,11 +8,114 @@
 #include <cstring>
 #include <limits>
 #include <set>
+#include <string>
 
-#include "database/database_pair_id.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
+namespace {
+
+// The tables of COLMAP, in its order and with its columns.
+constexpr char kCommonTables[] = R"(
+CREATE TABLE IF NOT EXISTS cameras (
+  camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
+  model INTEGER NOT NULL,
+  width INTEGER NOT NULL,
+  height INTEGER NOT NULL,
+  params BLOB,
+  prior_focal_length INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS images (
+  image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
+  name TEXT NOT NULL UNIQUE,
+  camera_id INTEGER NOT NULL,
+  $PRIOR_COLUMNS
+  CONSTRAINT image_id_check CHECK(image_id >= 0 and image_id < 2147483647),
+  FOREIGN KEY(camera_id) REFERENCES cameras(camera_id));
+CREATE UNIQUE INDEX IF NOT EXISTS index_name ON images(name);
+CREATE TABLE IF NOT EXISTS keypoints (
+  image_id INTEGER PRIMARY KEY NOT NULL,
+  rows INTEGER NOT NULL,
+  cols INTEGER NOT NULL,
+  data BLOB,
+  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+CREATE TABLE IF NOT EXISTS descriptors (
+  image_id INTEGER PRIMARY KEY NOT NULL,
+  rows INTEGER NOT NULL,
+  cols INTEGER NOT NULL,
+  data BLOB,
+  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+CREATE TABLE IF NOT EXISTS matches (
+  pair_id INTEGER PRIMARY KEY NOT NULL,
+  rows INTEGER NOT NULL,
+  cols INTEGER NOT NULL,
+  data BLOB);
+CREATE TABLE IF NOT EXISTS two_view_geometries (
+  pair_id INTEGER PRIMARY KEY NOT NULL,
+  rows INTEGER NOT NULL,
+  cols INTEGER NOT NULL,
+  data BLOB,
+  config INTEGER NOT NULL,
+  F BLOB,
+  E BLOB,
+  H BLOB,
+  qvec BLOB,
+  tvec BLOB);
+)";
+
+constexpr char kPriorColumns38[] =
+    "prior_qw REAL, prior_qx REAL, prior_qy REAL, prior_qz REAL, "
+    "prior_tx REAL, prior_ty REAL, prior_tz REAL,";
+
+constexpr char kTables312[] = R"(
+CREATE TABLE IF NOT EXISTS pose_priors (
+  image_id INTEGER PRIMARY KEY NOT NULL,
+  position BLOB,
+  coordinate_system INTEGER NOT NULL,
+  position_covariance BLOB,
+  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+CREATE TABLE IF NOT EXISTS rigs (
+  rig_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
+  ref_sensor_id INTEGER NOT NULL,
+  ref_sensor_type INTEGER NOT NULL);
+CREATE UNIQUE INDEX IF NOT EXISTS rig_ref_sensor_assignment
+  ON rigs(ref_sensor_id, ref_sensor_type);
+CREATE TABLE IF NOT EXISTS rig_sensors (
+  rig_id INTEGER NOT NULL,
+  sensor_id INTEGER NOT NULL,
+  sensor_type INTEGER NOT NULL,
+  sensor_from_rig BLOB,
+  FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
+CREATE UNIQUE INDEX IF NOT EXISTS rig_sensor_assignment
+  ON rig_sensors(sensor_id, sensor_type);
+CREATE TABLE IF NOT EXISTS frames (
+  frame_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
+  rig_id INTEGER NOT NULL,
+  FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
+CREATE TABLE IF NOT EXISTS frame_data (
+  frame_id INTEGER NOT NULL,
+  data_id INTEGER NOT NULL,
+  sensor_id INTEGER NOT NULL,
+  sensor_type INTEGER NOT NULL,
+  FOREIGN KEY(frame_id) REFERENCES frames(frame_id) ON DELETE CASCADE);
+CREATE UNIQUE INDEX IF NOT EXISTS frame_sensor_assignment
+  ON frame_data(data_id, sensor_type);
+)";
+
+}  // namespace
+
+void CreateTables(TableLayout layout, SqliteDatabase* database) {
+  const bool is_new = !database->HasTable("images");
+  std::string tables = kCommonTables;
+  const std::string placeholder = "$PRIOR_COLUMNS";
+  tables.replace(tables.find(placeholder), placeholder.size(),
+                 layout == TableLayout::k312 ? "" : kPriorColumns38);
+  database->Execute(tables);
+  if (layout != TableLayout::k38) database->Execute(kTables312);
+  if (!is_new) return;
+  database->Execute(layout == TableLayout::k38 ? "PRAGMA user_version = 3800"
+                                               : "PRAGMA user_version = 3900");
+}
+
 namespace {
 
 using RowMajorMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
@@ -296,6 +399,58 @@ void WriteFrameRows(const std::vector<FrameRow>& frames,
       data_row.Run();
     }
   }
+}
+
+FeatureKeypoint FeatureKeypoint::FromScale(float x_px, float y_px,
+                                           float scale_px,
+                                           float orientation_rad) {
+  const float c = scale_px * std::cos(orientation_rad);
+  const float s = scale_px * std::sin(orientation_rad);
+  return {x_px, y_px, c, -s, s, c};
+}
+
+float FeatureKeypoint::ScalePx() const {
+  return 0.5f * (std::hypot(a11, a21) + std::hypot(a12, a22));
+}
+
+float FeatureKeypoint::OrientationRad() const { return std::atan2(a21, a11); }
+
+std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob) {
+  std::vector<FeatureKeypoint> keypoints(blob.rows);
+  for (size_t i = 0; i < blob.rows; ++i) {
+    float values[6] = {};
+    std::memcpy(values, blob.data + i * blob.cols * sizeof(float),
+                blob.cols * sizeof(float));
+    keypoints[i].x_px = values[0];
+    keypoints[i].y_px = values[1];
+    if (blob.cols == 4) {
+      keypoints[i] = FeatureKeypoint::FromScale(values[0], values[1], values[2],
+                                                values[3]);
+    } else if (blob.cols == 6) {
+      keypoints[i] = {values[0], values[1], values[2],
+                      values[3], values[4], values[5]};
+    }
+  }
+  return keypoints;
+}
+
+DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
+                                   const std::string& path,
+                                   const std::string& name) {
+  const int64_t rows = row.Int(1);
+  const BlobView blob = row.Blob(3);
+  if (rows == 0 && blob.size == 0) return DescriptorMatrix(0, kSiftColumns);
+  if (rows < 0 || row.Int(2) != kSiftColumns || blob.size % kSiftColumns != 0 ||
+      blob.size / kSiftColumns != static_cast<size_t>(rows)) {
+    ThrowDatabaseError(
+        path, "the descriptors of " + name +
+                  " are not SIFT's: " + std::to_string(blob.size) +
+                  " bytes for " + std::to_string(rows) + " x " +
+                  std::to_string(row.Int(2)) + " values" + kExtractAgain);
+  }
+  DescriptorMatrix descriptors(rows, kSiftColumns);
+  std::memcpy(descriptors.data(), blob.data, blob.size);
+  return descriptors;
 }
 
 }  // namespace mgsfm

@@ -13,6 +13,24 @@
 
 namespace mgsfm {
 
+// Ids in a COLMAP database are in [0, kMaxNumIds).
+constexpr int64_t kMaxNumIds = 2147483647;
+
+// The id of the pair of two images: id1 < id2.
+inline int64_t PairId(int64_t id1, int64_t id2) {
+  return kMaxNumIds * id1 + id2;
+}
+
+// The COLMAP version whose tables and columns a database gets.
+enum class TableLayout {
+  k38,        // user_version 3800
+  k312,       // 3900
+  k38And312,  // 3900: what a file of 3.8 is after 3.12 has opened it
+};
+
+// Creates missing tables, and sets the user_version of a new database.
+void CreateTables(TableLayout layout, SqliteDatabase* database);
+
 // Encoding of single rows of a COLMAP database, shared by all readers and
 // writers. Decoding checks the values; `name` identifies the row in messages.
 
@@ -78,5 +96,16 @@ void WriteTwoViewGeometryRow(const TwoViewGeometryRow& pair, bool none_is_null,
 void WriteRigRows(const std::vector<RigRow>& rigs, SqliteDatabase* database);
 void WriteFrameRows(const std::vector<FrameRow>& frames,
                     SqliteDatabase* database);
+
+// Accepts 2, 4 (scale and orientation) or 6 columns, and completes the shape.
+std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob);
+
+constexpr int kSiftColumns = 128;
+
+// A row with rows, cols and data in the columns 1 to 3; `name` is that of the
+// image. Throws Error unless the descriptors are SIFT's.
+DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
+                                   const std::string& path,
+                                   const std::string& name);
 
 }  // namespace mgsfm

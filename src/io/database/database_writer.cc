@@ -5,9 +5,7 @@
 #include <set>
 #include <system_error>
 
-#include "database/database_pair_id.h"
 #include "database/database_rows.h"
-#include "database/database_schema.h"
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/database.h"

@@ -4,13 +4,10 @@
 #include <algorithm>
 #include <utility>
 
-#include "database/database_pair_id.h"
 #include "database/database_reader.h"
 #include "database/database_rows.h"
-#include "database/database_schema.h"
 #include "database/database_shard.h"
 #include "database/feature_database_impl.h"
-#include "database/feature_keypoints.h"
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 

@@ -9,9 +9,8 @@
 #include <tuple>
 #include <utility>
 
-#include "database/database_pair_id.h"
 #include "database/database_reader.h"
-#include "database/database_schema.h"
+#include "database/database_rows.h"
 
 namespace mgsfm {
 namespace {

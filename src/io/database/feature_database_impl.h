@@ -12,7 +12,6 @@
 
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
-#include "database/sqlite_snapshot.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"
 

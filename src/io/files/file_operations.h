@@ -6,6 +6,14 @@
 
 namespace mgsfm {
 
+// Writes a file, replacing one of that name. Throws Error, naming the file and
+// the reason, if it cannot be written completely.
+void WriteFile(const std::filesystem::path& path, const std::string& content);
+
+// Throws the Error for a failed write to a file or folder, with the reason in
+// errno.
+[[noreturn]] void ThrowWriteError(const std::filesystem::path& path);
+
 // The calls by which a finished output takes the place of an earlier one. All
 // of them go through this interface, so that a test can make each one fail or
 // be the last. Every call throws Error with the path and the reason.

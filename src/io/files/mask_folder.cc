@@ -4,7 +4,7 @@
 #include <opencv2/core.hpp>
 #include <system_error>
 
-#include "files/image_encoding.h"
+#include "files/image_writing.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -12,7 +12,31 @@
 
 namespace mgsfm {
 
-class FolderLock;
+// An advisory lock on a folder (flock). The system releases it when the owner
+// ends for any reason. Unlike a process id, it is unambiguous across processes,
+// containers and machines.
+class FolderLock {
+ public:
+  enum class State {
+    kHeld,         // held by this object
+    kBusy,         // held by another process, or the folder is gone
+    kUnsupported,  // the folder cannot be locked at all
+  };
+
+  enum class Wait { kNo, kYes };
+
+  explicit FolderLock(const std::filesystem::path& folder,
+                      Wait wait = Wait::kNo);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+  State state() const { return state_; }
+
+ private:
+  const int fd_;
+  State state_ = State::kBusy;
+};
 
 // Output of which each model and each file appears as a whole or not at all.
 // Files are written into a hidden temporary folder; Commit() puts its entries

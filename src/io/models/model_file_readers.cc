@@ -8,7 +8,6 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "mgsfm/base/error.h"
-#include "models/model_format.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

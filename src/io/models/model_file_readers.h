@@ -14,6 +14,12 @@
 
 namespace mgsfm {
 
+// Values in the model files of COLMAP: the types of sensors, and the point of a
+// keypoint that has none.
+constexpr int32_t kModelCameraType = 0;
+constexpr int32_t kModelImuType = 1;
+constexpr uint64_t kModelNoPoint = ~uint64_t{0};
+
 // Two readers of one file of a COLMAP model with the same functions, so that
 // each kind of record is parsed by one template. A file is read as
 //

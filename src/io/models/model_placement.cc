@@ -10,8 +10,8 @@
 
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
+#include "models/model_checks.h"
 #include "models/model_rig_poses.h"
-#include "models/model_tables.h"
 
 namespace mgsfm {
 namespace {

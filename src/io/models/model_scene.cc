@@ -11,9 +11,8 @@
 
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
+#include "models/model_checks.h"
 #include "models/model_rig_poses.h"
-#include "models/model_tables.h"
-#include "models/observation_check.h"
 #include "models/rows_to_scene.h"
 
 namespace mgsfm {

@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "files/output_file.h"
+#include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/models/model_io.h"
-#include "models/model_format.h"
+#include "models/model_file_readers.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

@@ -2,14 +2,239 @@
 #include "mgsfm/models/scene_loading.h"
 
 #include <algorithm>
+#include <cmath>
+#include <filesystem>
 #include <map>
+#include <numeric>
+#include <optional>
 #include <tuple>
 #include <utility>
 
+#include "base/nanoseconds.h"
+#include "base/text.h"
+#include "calibration/calibration_rigs.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/models/model_scene.h"
+#include "mgsfm/rigs/rig_config.h"
 #include "models/rows_to_scene.h"
+#include "rigs/frames_by_time.h"
+#include "rigs/image_times.h"
+#include "rigs/rig_inference.h"
+#include "rigs/scene_builder.h"
+#include "scene/intrinsics_check.h"
 
 namespace mgsfm {
+namespace {
+
+// Keypoints of features at the border of an image.
+constexpr float kBorderNoise_px = 1.0f;
+
+// Reads the rigs of a file or of a folder: of its rig_config.json or, if it has
+// none, of the sparse model there, which any program may have written.
+std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
+                                            const Context& context) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(path)) return ReadRigConfig(path);
+  const fs::path config = fs::path(path) / "rig_config.json";
+  if (fs::exists(config)) return ReadRigConfig(config.string());
+  const ModelScene model = LoadModelScene(path, {}, context);
+  return MakeRigConfigs(model.scene, model.reconstruction);
+}
+
+RigInput MakeRigInput(const std::string& kind, DatabaseContents contents) {
+  RigInput input;
+  input.kind = kind;
+  std::sort(
+      contents.images.begin(), contents.images.end(),
+      [](const ImageRow& a, const ImageRow& b) { return a.name < b.name; });
+  std::map<CameraId, int> camera_of_id;
+  for (size_t i = 0; i < contents.cameras.size(); ++i) {
+    camera_of_id[contents.cameras[i].id] = static_cast<int>(i);
+  }
+  for (const ImageRow& image : contents.images) {
+    const auto camera = camera_of_id.find(image.camera_id);
+    MGSFM_CHECK_MSG(camera != camera_of_id.end(), image.name);
+    input.camera_of_image.push_back(camera->second);
+  }
+  input.contents = std::move(contents);
+  return input;
+}
+
+RigAssignment AssignAllSingle(const RigInput& input) {
+  RigAssignment assignment;
+  std::vector<int> images(input.contents.images.size());
+  std::iota(images.begin(), images.end(), 0);
+  assignment.sensor_of_image.resize(images.size());
+  assignment.frame_of_image.resize(images.size());
+  AssignSingleImages(input, images, &assignment);
+  assignment.source = "none (single images)";
+  return assignment;
+}
+
+// The times of images in a file or in their names.
+std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
+  std::vector<int64_t> times_ns;
+  if (path.empty()) {
+    for (const ImageRow& image : input.contents.images) {
+      const std::optional<int64_t> time_ns = TimeInName(image.name);
+      if (!time_ns) {
+        throw Error(input.Name() + ": the name of image '" + image.name +
+                    "' has no time; list the times of all images in a file "
+                    "and set image_timestamps_path, or let rig_configurator "
+                    "take them from EXIF tags");
+      }
+      times_ns.push_back(*time_ns);
+    }
+    return times_ns;
+  }
+  std::vector<std::string> names;
+  for (const ImageRow& image : input.contents.images) {
+    names.push_back(image.name);
+  }
+  for (const double time_s : ReadImageTimes(path, names)) {
+    times_ns.push_back(std::llround(time_s * kNsPerSecond));
+  }
+  return times_ns;
+}
+
+std::optional<FrameTimes> ReadFrameTimes(const RigInput& input,
+                                         const SceneLoadingOptions& options) {
+  if (!options.PairsFramesByTime()) return std::nullopt;
+  return FrameTimes{
+      ReadTimes(input, options.image_timestamps_path),
+      std::llround(options.frame_max_time_difference_s * kNsPerSecond)};
+}
+
+RigAssignment AssignRigs(const RigInput& input,
+                         const SceneLoadingOptions& options,
+                         const FrameTimes* times, const Context& context) {
+  if (!options.rig_config_path->empty() && !options.calibration_path->empty()) {
+    throw Error(
+        "both rig_config_path and calibration_path are set; set one of them");
+  }
+  if (!options.rig_config_path->empty()) {
+    return AssignByConfig(
+        input, ReadRigConfigOrModel(options.rig_config_path, context),
+        options.rig_config_path, times, context);
+  }
+  if (!options.calibration_path->empty()) {
+    const std::string& path = options.calibration_path;
+    RigAssignment assignment = AssignByConfig(
+        input, ReadCalibrationRigs(input, path, context), path, times, context);
+    assignment.source = "calibration '" + path + "'";
+    return assignment;
+  }
+  if (*options.rig_name_rule == "none") return AssignAllSingle(input);
+  if (*options.rig_name_rule != "auto") {
+    return AssignByRule(input, options.rig_name_rule, times, context);
+  }
+  if (times == nullptr) {
+    if (auto assignment = AssignByTables(input)) return *std::move(assignment);
+  }
+  return AssignByFolders(input, times, context);
+}
+
+// Intrinsics that no lens has are an error.
+void CheckIntrinsics(const Scene& scene, const std::string& input_name,
+                     const Context& context) {
+  size_t num_more = 0;
+  std::string warning;
+  Mask is_checked(scene.cameras.size(), false);
+  for (const Image& image : scene.images) {
+    if (is_checked[image.camera_idx]) continue;
+    is_checked[image.camera_idx] = true;
+    const auto problem = FindIntrinsicsProblem(scene.cameras[image.camera_idx]);
+    if (!problem) continue;
+    const std::string text = input_name + ": the camera of image '" +
+                             image.name + "' " + problem->text;
+    if (problem->is_certain) {
+      throw Error(text + "; correct its intrinsics");
+    }
+    if (warning.empty()) {
+      warning = text;
+    } else {
+      ++num_more;
+    }
+  }
+  if (warning.empty()) return;
+  context.Warning(warning + "; check the intrinsics" +
+                  (num_more > 0 ? " of this and of " +
+                                      std::to_string(num_more) + " more cameras"
+                                : ""));
+}
+
+// Whether more keypoints are outside of the camera's image than noise moves
+// across its border.
+bool HasKeypointsOutside(const Image& image, const Camera& camera) {
+  constexpr double kMaxShare = 0.05;
+  const float max_x = static_cast<float>(camera.width_px) + kBorderNoise_px;
+  const float max_y = static_cast<float>(camera.height_px) + kBorderNoise_px;
+  const auto num_outside =
+      std::count_if(image.keypoints_px.begin(), image.keypoints_px.end(),
+                    [&](const Eigen::Vector2f& pixel) {
+                      return pixel.minCoeff() < -kBorderNoise_px ||
+                             pixel.x() > max_x || pixel.y() > max_y;
+                    });
+  return static_cast<double>(num_outside) >
+         kMaxShare * static_cast<double>(image.keypoints_px.size());
+}
+
+// Features of images of another size than the camera has.
+void CheckKeypoints(const Scene& scene, const std::string& input_name,
+                    const Context& context) {
+  size_t num_images = 0;
+  const Image* example = nullptr;
+  for (const Image& image : scene.images) {
+    if (!HasKeypointsOutside(image, scene.cameras[image.camera_idx])) continue;
+    ++num_images;
+    if (example == nullptr) example = &image;
+  }
+  if (example == nullptr) return;
+  const Camera& camera = scene.cameras[example->camera_idx];
+  context.Warning(input_name + ": " + std::to_string(num_images) +
+                  " images have keypoints outside of the size of their "
+                  "camera, such as '" +
+                  example->name + "' of " + std::to_string(camera.width_px) +
+                  " x " + std::to_string(camera.height_px) +
+                  " px; correct the size of the camera");
+}
+
+}  // namespace
+
+SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
+                             const SceneLoadingOptions& options,
+                             const Context& context) {
+  RigInput input = MakeRigInput(kind, std::move(contents));
+  const std::optional<FrameTimes> times = ReadFrameTimes(input, options);
+  RigAssignment assignment =
+      AssignRigs(input, options, times ? &*times : nullptr, context);
+  const std::string input_name = input.Name();
+  SceneOfRows result;
+  result.rig_source = assignment.source;
+  result.scene = BuildScene(std::move(input), std::move(assignment), context);
+  CheckIntrinsics(result.scene, input_name, context);
+  CheckKeypoints(result.scene, input_name, context);
+  if (kind != "model" || options.HasKnownRig()) {
+    const auto problem = WhyRigsAreNotMetric(result.scene);
+    // Calibrations are in meters; a rig configuration may have any unit.
+    if (problem && !options.calibration_path->empty()) {
+      throw Error("'" + *options.calibration_path + "': " + *problem);
+    }
+    if (problem) context.Warning("by " + result.rig_source + ", " + *problem);
+  }
+  if (times) {
+    for (size_t i = 0; i < times->times_ns.size(); ++i) {
+      result.scene.images[i].timestamp_s =
+          static_cast<double>(times->times_ns[i]) / kNsPerSecond;
+    }
+  } else if (!options.image_timestamps_path->empty()) {
+    ReadImageTimestamps(*options.image_timestamps_path, &result.scene);
+  }
+  SortFrames(&result.scene);
+  return result;
+}
+
 namespace {
 
 ImagePair MakePair(TwoViewGeometryRow* row, int image_idx1, int image_idx2) {

@@ -13,7 +13,7 @@
 #include "calibration/yaml_value.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
-#include "rigs/image_name_times.h"
+#include "rigs/image_times.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {

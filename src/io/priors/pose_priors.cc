@@ -13,14 +13,13 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "database/database_rows.h"
-#include "database/sqlite_snapshot.h"
+#include "database/sqlite_database.h"
+#include "files/file_operations.h"
 #include "files/json_reading.h"
-#include "files/output_file.h"
 #include "geometry/geodetic.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "priors/named_vectors.h"
-#include "priors/trajectory_positions.h"
+#include "priors/position_files.h"
 #include "rigs/scene_builder.h"
 
 namespace mgsfm {

@@ -12,7 +12,7 @@
 #include "base/nanoseconds.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "rigs/image_name_times.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 namespace {

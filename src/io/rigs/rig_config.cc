@@ -9,8 +9,8 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "files/file_operations.h"
 #include "files/json_reading.h"
-#include "files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "rigs/name_patterns.h"
 #include "rigs/rig_inference.h"

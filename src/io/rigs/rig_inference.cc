@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <cctype>
 #include <map>
+#include <set>
 
 #include "math/union_find.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "rigs/name_patterns.h"
 
 namespace mgsfm {
 namespace {
@@ -182,6 +185,257 @@ RigAssignment AssignByKeys(const RigInput& input,
   }
   AssignSingleImages(input, single_images, &assignment);
   return assignment;
+}
+
+namespace {
+
+constexpr const char* kRemedy =
+    "; configure the rigs again, set rig_config_path, or treat images as "
+    "single with rig_name_rule none";
+
+bool IsTrivial(const DatabaseContents& contents) {
+  const bool has_real_rig =
+      std::any_of(contents.rigs.begin(), contents.rigs.end(),
+                  [](const RigRow& rig) { return rig.sensors.size() > 1; });
+  const bool has_real_frame =
+      std::any_of(contents.frames.begin(), contents.frames.end(),
+                  [](const FrameRow& frame) { return frame.data.size() > 1; });
+  return !(has_real_rig || has_real_frame);
+}
+
+class TableAssigner {
+ public:
+  explicit TableAssigner(const RigInput& input) : input_(input) {
+    const size_t num_images = input.contents.images.size();
+    assignment_.source = "rigs and frames of the " + input.kind;
+    assignment_.sensor_of_image.resize(num_images, -1);
+    assignment_.frame_of_image.resize(num_images, -1);
+  }
+
+  RigAssignment Assign() {
+    for (const RigRow& rig : input_.contents.rigs) AddRig(rig);
+    std::map<ImageId, int> image_of_id;
+    for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+      image_of_id[input_.contents.images[i].id] = static_cast<int>(i);
+    }
+    for (const FrameRow& frame : input_.contents.frames) {
+      AddFrame(frame, image_of_id);
+    }
+    CheckAllAssigned();
+    NameSensors();
+    NameFrames();
+    return std::move(assignment_);
+  }
+
+ private:
+  [[noreturn]] void Throw(const std::string& problem) const {
+    throw Error(input_.Name() + ": " + problem + kRemedy);
+  }
+  void AddRig(const RigRow& rig);
+  void AddFrame(const FrameRow& frame,
+                const std::map<ImageId, int>& image_of_id);
+  void CheckCamera(const FrameDataRow& data, int image,
+                   const std::string& frame) const;
+  void CheckAllAssigned() const;
+  // Names sensors by the first of these that is different for all of them: a
+  // level of folders, a part of the images' names, their common start.
+  void NameSensors();
+  void NameFrames();
+  // The folder of each sensor; nullopt if a sensor has several at this level.
+  std::optional<std::vector<std::string>> FoldersAtLevel(size_t level) const;
+  // The parts of names that only images of one of the sensors have.
+  std::optional<std::vector<std::string>> TellingParts(
+      const std::set<int>& sensors) const;
+  // The common start of the names of a sensor's images: as whole folders, or
+  // as text without the digits at its end.
+  std::vector<std::string> CommonStarts(bool whole_folders) const;
+
+  const RigInput& input_;
+  RigAssignment assignment_;
+  std::map<RigId, int> rig_of_id_;
+  std::map<std::pair<RigId, CameraId>, int> sensor_of_ids_;
+};
+
+void TableAssigner::AddRig(const RigRow& row) {
+  const int rig = static_cast<int>(assignment_.rig_ids.size());
+  rig_of_id_.emplace(row.id, rig);
+  assignment_.rig_ids.emplace_back(row.id);
+  for (const RigSensorRow& sensor_row : row.sensors) {
+    const auto number = static_cast<int>(assignment_.sensors.size());
+    sensor_of_ids_.emplace(std::make_pair(row.id, sensor_row.camera_id),
+                           number);
+    RigAssignment::Sensor sensor;
+    sensor.rig = rig;
+    sensor.is_reference =
+        row.ref_camera_id && sensor_row.camera_id == *row.ref_camera_id;
+    sensor.sensor_from_rig = sensor_row.sensor_from_rig;
+    assignment_.sensors.push_back(std::move(sensor));
+  }
+}
+
+void TableAssigner::AddFrame(const FrameRow& row,
+                             const std::map<ImageId, int>& image_of_id) {
+  const std::string what = "frame " + std::to_string(row.id.value());
+  const auto rig = rig_of_id_.find(row.rig_id);
+  if (rig == rig_of_id_.end()) {
+    Throw(what + " belongs to rig " + std::to_string(row.rig_id.value()) +
+          ", which does not exist");
+  }
+  const int frame = static_cast<int>(assignment_.frames.size());
+  assignment_.frames.push_back({rig->second, "", row.id});
+  for (const FrameDataRow& data : row.data) {
+    const auto sensor = sensor_of_ids_.find({row.rig_id, data.camera_id});
+    const auto image = image_of_id.find(data.image_id);
+    if (sensor == sensor_of_ids_.end()) {
+      Throw(what + " has an image of camera " +
+            std::to_string(data.camera_id.value()) +
+            ", which is not in its rig " + std::to_string(row.rig_id.value()));
+    }
+    if (image == image_of_id.end()) {
+      Throw(what + " has the image " + std::to_string(data.image_id.value()) +
+            ", which does not exist");
+    }
+    if (assignment_.frame_of_image[image->second] >= 0) {
+      Throw("image '" + input_.contents.images[image->second].name +
+            "' is in two frames");
+    }
+    CheckCamera(data, image->second, what);
+    assignment_.sensor_of_image[image->second] = sensor->second;
+    assignment_.frame_of_image[image->second] = frame;
+  }
+}
+
+// COLMAP copies a camera that two sensors share, but not in its images.
+void TableAssigner::CheckCamera(const FrameDataRow& data, int image,
+                                const std::string& frame) const {
+  const Camera& of_image = input_.CameraOf(image);
+  const auto& cameras = input_.contents.cameras;
+  const auto of_frame = std::find_if(
+      cameras.begin(), cameras.end(),
+      [&](const Camera& camera) { return camera.id == data.camera_id; });
+  if (of_frame == cameras.end() || HaveEqualIntrinsics(*of_frame, of_image)) {
+    return;
+  }
+  Throw("image '" + input_.contents.images[image].name + "' is of camera " +
+        std::to_string(of_image.id.value()) + ", but in " + frame +
+        " of camera " + std::to_string(data.camera_id.value()) +
+        ", which has other intrinsics");
+}
+
+void TableAssigner::CheckAllAssigned() const {
+  const std::vector<int>& frames = assignment_.frame_of_image;
+  const auto first = std::find(frames.begin(), frames.end(), -1);
+  if (first == frames.end()) return;
+  const auto num_left = std::count(first, frames.end(), -1);
+  Throw(std::to_string(num_left) + " of its " + std::to_string(frames.size()) +
+        " images are in no frame of its rigs, such as '" +
+        input_.contents.images[first - frames.begin()].name + "'");
+}
+
+std::vector<std::string> TableAssigner::CommonStarts(bool whole_folders) const {
+  std::vector<std::optional<std::string>> starts(assignment_.sensors.size());
+  for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+    std::string name = input_.contents.images[i].name;
+    const size_t slash = name.rfind('/');
+    if (whole_folders) {
+      name = slash == std::string::npos ? "" : name.substr(0, slash + 1);
+    }
+    auto& start = starts[assignment_.sensor_of_image[i]];
+    if (!start) start = name;
+    const size_t size = std::min(start->size(), name.size());
+    const auto end =
+        std::mismatch(name.begin(), name.begin() + size, start->begin());
+    start->erase(end.second, start->end());
+  }
+  std::vector<std::string> names;
+  for (auto& start : starts) {
+    std::string name = start.value_or("");
+    const size_t end = whole_folders ? name.rfind('/')
+                                     : name.find_last_not_of("0123456789") + 1;
+    names.push_back(name.substr(0, end == std::string::npos ? 0 : end));
+    if (!names.back().empty() && names.back().back() == '/') {
+      names.back().pop_back();
+    }
+  }
+  return names;
+}
+
+std::optional<std::vector<std::string>> TableAssigner::FoldersAtLevel(
+    size_t level) const {
+  std::vector<std::optional<std::string>> folders(assignment_.sensors.size());
+  for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+    const std::vector<std::string> path =
+        SplitPath(input_.contents.images[i].name);
+    if (level + 1 >= path.size()) return std::nullopt;
+    auto& folder = folders[assignment_.sensor_of_image[i]];
+    if (folder && *folder != path[level]) return std::nullopt;
+    folder = path[level];
+  }
+  std::vector<std::string> names;
+  names.reserve(folders.size());
+  for (const auto& folder : folders) names.push_back(folder.value_or(""));
+  return names;
+}
+
+std::optional<std::vector<std::string>> TableAssigner::TellingParts(
+    const std::set<int>& sensors) const {
+  std::map<int, std::vector<std::string>> names_of_sensor;
+  for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+    names_of_sensor[assignment_.sensor_of_image[i]].push_back(
+        input_.contents.images[i].name);
+  }
+  NameGroups groups;
+  for (const int sensor : sensors) groups.push_back(names_of_sensor[sensor]);
+  const auto parts = FindTellingParts(groups);
+  if (!parts) return std::nullopt;
+  std::vector<std::string> names(assignment_.sensors.size());
+  auto part = parts->begin();
+  for (const int sensor : sensors) names[sensor] = *part++;
+  return names;
+}
+
+void TableAssigner::NameSensors() {
+  const std::set<int> used(assignment_.sensor_of_image.begin(),
+                           assignment_.sensor_of_image.end());
+  std::vector<std::vector<std::string>> candidates;
+  const size_t depth = SplitPath(input_.contents.images.front().name).size();
+  for (size_t level = 0; level + 1 < depth; ++level) {
+    if (auto names = FoldersAtLevel(level)) candidates.push_back(*names);
+  }
+  candidates.push_back(CommonStarts(true));
+  if (auto names = TellingParts(used)) candidates.push_back(*names);
+  candidates.push_back(CommonStarts(false));
+  for (const std::vector<std::string>& names : candidates) {
+    std::set<std::string> distinct;
+    for (const int sensor : used) distinct.insert(names[sensor]);
+    if (distinct.size() != used.size()) continue;
+    for (const int sensor : used) {
+      assignment_.sensors[sensor].name = names[sensor];
+    }
+    return;
+  }
+  // Names without a meaning: numbers in the order of the first images.
+  std::set<int> named;
+  for (const int sensor : assignment_.sensor_of_image) {
+    if (!named.insert(sensor).second) continue;
+    assignment_.sensors[sensor].name = "sensor" + std::to_string(named.size());
+  }
+}
+
+void TableAssigner::NameFrames() {
+  for (size_t i = input_.contents.images.size(); i-- > 0;) {
+    const int sensor = assignment_.sensor_of_image[i];
+    // The first image decides, as it comes last here.
+    assignment_.frames[assignment_.frame_of_image[i]].name = NameWithoutSensor(
+        input_.contents.images[i].name, assignment_.sensors[sensor].name);
+  }
+}
+
+}  // namespace
+
+std::optional<RigAssignment> AssignByTables(const RigInput& input) {
+  if (IsTrivial(input.contents)) return std::nullopt;
+  return TableAssigner(input).Assign();
 }
 
 }  // namespace mgsfm

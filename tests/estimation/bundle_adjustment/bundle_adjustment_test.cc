@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "bundle_adjustment/image_views.h"
 #include "bundle_adjustment/point_filters.h"
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
 #include "support/model_comparison.h"

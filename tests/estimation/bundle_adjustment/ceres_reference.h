@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "bundle_adjustment/bundle_problem.h"
+#include "bundle_adjustment/problem_builder.h"
 
 namespace mgsfm {
 

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "bundle_adjustment/contradicted_points.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "bundle_adjustment/point_filters.h"
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
 #include "mgsfm/geometry/camera_models.h"
 

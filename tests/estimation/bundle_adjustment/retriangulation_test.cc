@@ -5,7 +5,7 @@
 
 #include <map>
 
-#include "bundle_adjustment/image_views.h"
+#include "bundle_adjustment/point_filters.h"
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
 #include "geometry/triangulation.h"
 

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "bundle_adjustment/sensor_ties.h"
-
 #include <gtest/gtest.h>
 
 #include <set>
 
+#include "bundle_adjustment/gauge.h"
 #include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {

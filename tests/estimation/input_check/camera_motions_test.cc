@@ -89,7 +89,12 @@ TEST(CameraMotionsTest, MirroredImagesAreFound) {
   EXPECT_THAT(
       CausesOf(CheckMotions(drive.scene, drive.view_graph, samples, &kept)),
       ElementsAre(Cause::kMirroredCamera));
-  kept.sensors[1].num_kept = 90;
+  // Nor does a model without that camera.
+  kept.sensors[1] = {0, 0};
+  EXPECT_THAT(
+      CausesOf(CheckMotions(drive.scene, drive.view_graph, samples, &kept)),
+      ElementsAre(Cause::kMirroredCamera));
+  kept.sensors[1] = {100, 90};
   EXPECT_THAT(CheckMotions(drive.scene, drive.view_graph, samples, &kept),
               IsEmpty());
 }

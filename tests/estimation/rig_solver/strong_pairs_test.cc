@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rig_solver/strong_pairs.h"
-
 #include <gtest/gtest.h>
 
 #include <cstdlib>
 #include <vector>
+
+#include "rig_solver/point_cutter.h"
 
 namespace mgsfm {
 namespace {

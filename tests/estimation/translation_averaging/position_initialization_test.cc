@@ -9,7 +9,6 @@
 
 #include "base/random.h"
 #include "mgsfm/base/mask.h"
-#include "translation_averaging/block_penalties.h"
 
 namespace mgsfm {
 namespace {

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "imaging/view_renderer.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "frontend/imaging/test_cameras.h"
+#include "imaging/image_run.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {

@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "frontend/matching/test_descriptors.h"
-#include "matching/dot_tiles.h"
+#include "matching/descriptor_products.h"
 #include "matching/nearest_two.h"
 
 namespace mgsfm {
@@ -185,28 +185,28 @@ TEST(DescriptorMatching, UsesTheFirstDescriptorsOnly) {
   EXPECT_EQ(matches.back().keypoint_idx2, 11u);
 }
 
-TEST(DotTiles, FastAndPortableAgree) {
+TEST(DescriptorProducts, FastAndPortableAgree) {
   Random random(11);
-  std::vector<int16_t> rows(internal::kTileRows * internal::kNumDims);
-  std::vector<int16_t> columns(internal::ExactTileFunctions::kBlockSize);
+  std::vector<int16_t> rows(kTileRows * kNumDims);
+  std::vector<int16_t> columns(ExactTileFunctions::kBlockSize);
   for (auto* values : {&rows, &columns}) {
     for (int16_t& value : *values) {
       value = static_cast<int16_t>(random.Index(256));
     }
   }
-  const auto fast = internal::FastestTileFunctions();
-  const auto portable = internal::PortableTileFunctions();
-  constexpr int kSize = internal::kTileRows * internal::kTileColumns;
+  const auto fast = FastestTileFunctions();
+  const auto portable = PortableTileFunctions();
+  constexpr int kSize = kTileRows * kTileColumns;
   std::vector<int32_t> fast_tile(kSize), portable_tile(kSize);
   fast.multiply(rows.data(), columns.data(), fast_tile.data());
   portable.multiply(rows.data(), columns.data(), portable_tile.data());
   EXPECT_EQ(fast_tile, portable_tile);
   int32_t expected = 0;
-  for (int k = 0; k < internal::kNumDims; ++k) {
-    expected += rows[2 * internal::kNumDims + k] *
-                columns[(k / 2 * internal::kTileColumns + 5) * 2 + k % 2];
+  for (int k = 0; k < kNumDims; ++k) {
+    expected += rows[2 * kNumDims + k] *
+                columns[(k / 2 * kTileColumns + 5) * 2 + k % 2];
   }
-  EXPECT_EQ(fast_tile[2 * internal::kTileColumns + 5], expected);
+  EXPECT_EQ(fast_tile[2 * kTileColumns + 5], expected);
 }
 
 }  // namespace

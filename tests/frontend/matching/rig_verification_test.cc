@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "matching/rig_verification.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +7,7 @@
 
 #include "frontend/matching/simulated_pair.h"
 #include "geometry/so3.h"
+#include "matching/frame_pair_verification.h"
 #include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {

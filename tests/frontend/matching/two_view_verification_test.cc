@@ -210,8 +210,8 @@ TEST(VerifyPair, SkipsKeypointsWithoutRay) {
 
 TEST(PairSeed, DependsOnBothNamesAndSeed) {
   const std::set<uint64_t> seeds = {
-      internal::PairSeed("a", "b", 0), internal::PairSeed("b", "a", 0),
-      internal::PairSeed("ab", "", 0), internal::PairSeed("a", "b", 1)};
+      PairSeed("a", "b", 0), PairSeed("b", "a", 0), PairSeed("ab", "", 0),
+      PairSeed("a", "b", 1)};
   EXPECT_EQ(seeds.size(), 4u);
 }
 
@@ -229,15 +229,15 @@ TEST(RayModels, MinimalSamplesGiveExactModels) {
   Random random(11);
   const RansacOptions options;
   const RayMatches general = ExactRays(&random, kMotion, 9, DrawInBox);
-  const auto F = internal::EstimateFundamental(general, options, &random);
+  const auto F = EstimateFundamental(general, options, &random);
   ASSERT_TRUE(F);
   const Eigen::Matrix3d E = EssentialFromPose(kMotion).normalized();
   EXPECT_LT(std::min((*F - E).norm(), (*F + E).norm()), 1e-6);
 
   const RayMatches planar = ExactRays(&random, kMotion, 6, DrawOnPlane);
-  const auto H = internal::EstimateHomography(planar, options, &random);
+  const auto H = EstimateHomography(planar, options, &random);
   ASSERT_TRUE(H);
-  const internal::HomographyTest test(*H);
+  const HomographyTest test(*H);
   for (size_t i = 0; i < planar.size(); ++i) {
     EXPECT_LT(test.SquaredError(planar.rays1[i], planar.rays2[i]), 1e-18);
   }
@@ -247,9 +247,9 @@ TEST(RayModels, HomographyHasPositiveScale) {
   Random random(12);
   RayMatches rays = ExactRays(&random, kMotion, 20, DrawOnPlane);
   for (size_t i = 0; i < 5; ++i) rays.rays2[i] = -rays.rays2[i];
-  const auto H = internal::EstimateHomography(rays, {}, &random);
+  const auto H = EstimateHomography(rays, {}, &random);
   ASSERT_TRUE(H);
-  const internal::HomographyTest test(*H);
+  const HomographyTest test(*H);
   for (size_t i = 0; i < rays.size(); ++i) {
     const double error = test.SquaredError(rays.rays1[i], rays.rays2[i]);
     EXPECT_EQ(error < 1e-12, i >= 5) << i;

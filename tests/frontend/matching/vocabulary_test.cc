@@ -9,8 +9,8 @@
 #include <string>
 
 #include "frontend/matching/test_descriptors.h"
+#include "matching/image_retrieval.h"
 #include "matching/pair_selection.h"
-#include "matching/word_index.h"
 #include "mgsfm/base/error.h"
 #include "support/temp_dir.h"
 

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "video/frame_selection.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -10,6 +8,7 @@
 #include <set>
 
 #include "base/random.h"
+#include "video/sampling_plan.h"
 
 namespace mgsfm {
 namespace {

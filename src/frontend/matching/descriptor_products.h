@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+namespace mgsfm {
+
+// Dot products of descriptors in tiles of kTileRows x kTileColumns, and the two
+// largest of each row and column. Row descriptors are contiguous; column
+// descriptors are stored in blocks of kTileColumns as
+// [group of dimensions][column][dimension within the group].
+// The 8 vectors of sums of a tile stay in the 16 registers of AVX2.
+constexpr int kTileRows = 4;
+constexpr int kTileColumns = 16;
+constexpr int kNumDims = 128;
+
+// A dot product (at most 128 * 255^2 < 2^23) and its position in one integer:
+//   dot * 256 + 255 - position, for up to 256 positions.
+// A larger code means a larger product or the first of equal products. Codes
+// are non-negative, so the kernels use -1 for "none" and take plain maxima.
+constexpr int kMaxNumPositions = 256;
+
+inline int32_t CodedDot(int32_t coded) { return coded >> 8; }
+inline int32_t CodedPosition(int32_t coded) { return 255 - (coded & 255); }
+
+// The two largest codes of each of kTileColumns columns, or of one row in each
+// of kTileColumns lanes.
+struct TopTwoLanes {
+  int32_t best[kTileColumns];
+  int32_t second[kTileColumns];
+
+  void Clear();
+};
+
+// Kernels for one pair of element types. A group of dimensions has 32 bits.
+template <class Row, class Column>
+struct TileFunctions {
+  static constexpr size_t kGroupSize = sizeof(int32_t) / sizeof(Column);
+  static constexpr size_t kNumValues = size_t{kTileColumns} * kNumDims;
+  // Elements per block; a block of bytes ends with one factor per column.
+  static constexpr size_t kBlockSize =
+      kNumValues + (kGroupSize == 4 ? kTileColumns * sizeof(int32_t) : 0);
+
+  // tile[r * kTileColumns + c] = rows[r] . columns[c].
+  void (*multiply)(const Row* rows, const Column* columns, int32_t* tile);
+  // Updates the two largest codes with a tile. `first_row` and `block` are the
+  // positions in the codes of its first row and of its block of columns.
+  void (*update)(const int32_t* tile, int first_row, int block,
+                 TopTwoLanes* of_rows, TopTwoLanes* of_columns);
+};
+
+// Bytes widened to 16 bits; exact.
+using ExactTileFunctions = TileFunctions<int16_t, int16_t>;
+// Bytes and bytes below 65 whose dot products are all below 2^16. The products
+// are multiplied by the factor of the column, below 2^15, and divided by
+// 2^kFactorBits.
+using RoughTileFunctions = TileFunctions<uint8_t, int8_t>;
+// The factors are at most 6 (nearest_two.cc), so with 12 bits they stay
+// below 2^15; with 13 bits they would not.
+constexpr int kFactorBits = 12;
+
+// Exact kernels all return the same numbers.
+ExactTileFunctions PortableTileFunctions();
+ExactTileFunctions FastestTileFunctions();  // on this processor
+// About twice as fast; nullopt if the processor has no AVX2.
+std::optional<RoughTileFunctions> FindRoughTileFunctions();
+
+}  // namespace mgsfm

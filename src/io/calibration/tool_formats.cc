@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/LU>
+#include <algorithm>
+#include <optional>
+
+#include "base/natural_order.h"
+#include "calibration/calibration.h"
+#include "calibration/lens_models.h"
+#include "geometry/rigid_matrix.h"
+#include "scene/value_check.h"
+
+namespace mgsfm {
+namespace {
+
+std::vector<double> Values(const YamlValue& map,
+                           const std::vector<std::string>& keys) {
+  std::vector<double> values;
+  for (const std::string& key : keys) values.push_back(map[key].Number());
+  return values;
+}
+
+// Names of a camera whose file may name it.
+std::vector<std::string> NamesOf(const YamlValue& file,
+                                 const std::filesystem::path& path) {
+  std::vector<std::string> names;
+  if (const auto name = file.Find("camera_name")) names.push_back(name->Text());
+  names.push_back(path.stem().string());
+  return names;
+}
+
+}  // namespace
+
+bool IsCamodocal(const YamlValue& file) { return file.Has("model_type"); }
+
+std::vector<CalibratedCamera> ReadCamodocal(const YamlValue& file,
+                                            const std::filesystem::path& path) {
+  CalibratedCamera camera;
+  camera.names = NamesOf(file, path);
+  camera.place = file["model_type"].Place();
+  camera.size_px.emplace(file["image_width"].Size(),
+                         file["image_height"].Size());
+  const std::string model = file["model_type"].Text();
+  if (model == "PINHOLE") {
+    const auto n =
+        Values(file["projection_parameters"], {"fx", "fy", "cx", "cy"});
+    SetLens({n[0], n[1], n[2], n[3], "radtan",
+             Values(file["distortion_parameters"], {"k1", "k2", "p1", "p2"})},
+            &camera);
+  } else if (model == "KANNALA_BRANDT") {
+    const YamlValue projection = file["projection_parameters"];
+    const auto n = Values(projection, {"mu", "mv", "u0", "v0"});
+    SetLens({n[0], n[1], n[2], n[3], "equidistant",
+             Values(projection, {"k2", "k3", "k4", "k5"})},
+            &camera);
+  } else if (model == "MEI") {
+    const auto n =
+        Values(file["projection_parameters"], {"gamma1", "gamma2", "u0", "v0"});
+    SetUnifiedLens(
+        {n[0], n[1], n[2], n[3], file["mirror_parameters"]["xi"].Number(), 0.0,
+         Values(file["distortion_parameters"], {"k1", "k2", "p1", "p2"})},
+        &camera);
+  } else {
+    SetUnknownLens(model, &camera);
+  }
+  camera.cam_from_base = CamFromVehicleOfKitti360(path, camera.names.front());
+  return {camera};
+}
+
+namespace {
+
+// The part of "/sensors/cam0/image_raw" that names the camera.
+std::optional<std::string> CameraOfTopic(std::string topic) {
+  const std::vector<std::string> generic = {"camera", "compressed", "rgb"};
+  while (!topic.empty()) {
+    const size_t slash = topic.rfind('/');
+    const std::string part =
+        topic.substr(slash == std::string::npos ? 0 : slash + 1);
+    topic.erase(slash == std::string::npos ? 0 : slash);
+    const bool is_generic =
+        part.empty() || part.compare(0, 5, "image") == 0 ||
+        std::find(generic.begin(), generic.end(), part) != generic.end();
+    if (!is_generic) return part;
+  }
+  return std::nullopt;
+}
+
+void ReadLens(const YamlValue& value, CalibratedCamera* camera) {
+  const std::string projection = value["camera_model"].Text();
+  const YamlValue intrinsics = value["intrinsics"];
+  const auto model = value.Find("distortion_model");
+  const std::string distortion = model ? model->Text() : "none";
+  if (projection == "eucm") {
+    const std::vector<double> n = intrinsics.Numbers(6);
+    camera->model = CameraModelId::kEucm;
+    camera->params = {n[2], n[3], n[4] + 0.5, n[5] + 0.5, n[0], n[1]};
+    return;
+  }
+  if (projection == "ds") {
+    const std::vector<double> n = intrinsics.Numbers(6);
+    SetUnifiedLens({n[2], n[3], n[4], n[5], n[0], n[1], {}}, camera);
+    return;
+  }
+  if (projection == "omni") {
+    const std::vector<double> n = intrinsics.Numbers(5);
+    if (distortion == "radtan" || distortion == "none") {
+      SetUnifiedLens(
+          {n[1], n[2], n[3], n[4], n[0], 0.0,
+           distortion == "none" ? std::vector<double>()
+                                : value["distortion_coeffs"].Numbers()},
+          camera);
+    } else {
+      SetUnknownLens("omni with " + distortion, camera);
+    }
+    return;
+  }
+  if (projection != "pinhole") {
+    SetUnknownLens(projection, camera);
+    return;
+  }
+  const std::vector<double> n = intrinsics.Numbers(4);
+  PinholeLens lens{n[0], n[1], n[2], n[3], distortion, {}};
+  if (distortion != "none") {
+    lens.distortion = value["distortion_coeffs"].Numbers();
+  }
+  SetLens(lens, camera);
+}
+
+}  // namespace
+
+bool IsKalibr(const YamlValue& file) {
+  if (!file.IsMap()) return false;
+  const auto items = file.Items();
+  return std::any_of(items.begin(), items.end(), [](const auto& item) {
+    return item.second.Has("camera_model") && item.second.Has("intrinsics");
+  });
+}
+
+namespace {
+
+// The pose by T_cam_imu relative to that by T_cn_cnm1. Kalibr writes both from
+// one estimate.
+void CheckPosesAgree(const YamlValue& value, const Rigid3& by_imu,
+                     const Rigid3& by_chain) {
+  const std::optional<std::string> difference = WhyDifferent(by_imu, by_chain);
+  if (!difference) return;
+  value.Throw(
+      "has a pose by T_cam_imu that differs from the one by T_cn_cnm1 " +
+      *difference + "; remove the wrong one");
+}
+
+// nullopt where the chain of T_cn_cnm1 is broken.
+using Poses = std::vector<std::optional<Rigid3>>;
+
+// The base is the first camera; without a whole chain of T_cn_cnm1, it is the
+// inertial sensor if all cameras have T_cam_imu.
+Poses ReadPoses(const std::vector<YamlValue>& values) {
+  Poses by_chain, by_imu;
+  bool has_imu = true;
+  for (const YamlValue& value : values) {
+    const auto from_imu = value.Find("T_cam_imu");
+    const auto from_before = value.Find("T_cn_cnm1");
+    by_imu.push_back(from_imu ? std::make_optional(from_imu->Pose())
+                              : std::nullopt);
+    has_imu &= from_imu.has_value();
+    const size_t i = by_chain.size();
+    if (i == 0) {
+      by_chain.emplace_back(Rigid3());
+      continue;
+    }
+    by_chain.push_back(
+        from_before && by_chain[i - 1]
+            ? std::make_optional(from_before->Pose() * *by_chain[i - 1])
+            : std::nullopt);
+    if (from_before && by_imu[i] && by_imu[i - 1]) {
+      CheckPosesAgree(value, *by_imu[i] * by_imu[i - 1]->Inverse(),
+                      from_before->Pose());
+    }
+  }
+  const bool has_chain = !by_chain.empty() && by_chain.back().has_value();
+  return has_imu && !has_chain ? by_imu : by_chain;
+}
+
+}  // namespace
+
+std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
+  auto items = file.Items();
+  std::stable_sort(items.begin(), items.end(),
+                   [](const auto& a, const auto& b) {
+                     return IsNaturallyBefore(a.first, b.first);
+                   });
+  std::vector<CalibratedCamera> cameras;
+  std::vector<YamlValue> values;
+  for (const auto& [name, value] : items) {
+    if (!value.IsMap()) continue;
+    CalibratedCamera camera;
+    if (const auto topic = value.Find("rostopic")) {
+      if (const auto part = CameraOfTopic(topic->Text())) {
+        camera.names.push_back(*part);
+      }
+    }
+    camera.names.push_back(name);
+    camera.place = value.Place();
+    if (const auto size = value.Find("resolution")) {
+      camera.size_px = size->ImageSize();
+    }
+    ReadLens(value, &camera);
+    if (const auto shift = value.Find("timeshift_cam_imu")) {
+      camera.time_shift_s = shift->Number();
+    }
+    values.push_back(value);
+    cameras.push_back(std::move(camera));
+  }
+  const Poses poses = ReadPoses(values);
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    cameras[i].cam_from_base = poses[i];
+  }
+  return cameras;
+}
+
+namespace {
+
+// The names in files of ROS, of OpenCV's samples, and in messages of ROS.
+const std::vector<std::string> kMatrix = {"camera_matrix", "Camera_Matrix",
+                                          "cameraMatrix", "K", "k"};
+const std::vector<std::string> kDistortion = {"distortion_coefficients",
+                                              "Distortion_Coefficients",
+                                              "distCoeffs", "D", "d"};
+const std::vector<std::string> kWidth = {"image_width", "image_Width", "width"};
+const std::vector<std::string> kHeight = {"image_height", "image_Height",
+                                          "height"};
+const std::vector<std::string> kRectification = {"rectification_matrix", "R",
+                                                 "r"};
+const std::vector<std::string> kProjection = {"projection_matrix", "P", "p"};
+
+std::string DistortionModel(const YamlValue& file) {
+  if (const auto model = file.Find("distortion_model")) return model->Text();
+  const auto is_fisheye = file.Find("fisheye_model");
+  return is_fisheye && is_fisheye->Number() != 0.0 ? "fisheye" : "plumb_bob";
+}
+
+// The rectified camera is turned by R, and its projection matrix K [I | t] is
+// relative to the rectified left camera.
+std::optional<Rigid3> CamFromLeft(const YamlValue& file) {
+  const auto rectification = file.FindAny(kRectification);
+  const auto projection = file.FindAny(kProjection);
+  if (!rectification || !projection) return std::nullopt;
+  const std::vector<double> r = rectification->Numbers(9);
+  const std::vector<double> p = projection->Numbers(12);
+  const Eigen::Map<const RigidMatrix> P(p.data());
+  const Eigen::Matrix3d K = P.leftCols<3>();
+  if (K.isZero(0.0)) return std::nullopt;  // not rectified
+  RigidMatrix matrix = RigidMatrix::Zero();
+  matrix.leftCols<3>() =
+      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data());
+  const auto rectified_from_cam = RigidFromMatrix(matrix);
+  if (!rectified_from_cam) {
+    rectification->Throw("is not a rotation; correct it");
+  }
+  const Eigen::Vector3d t = K.fullPivLu().solve(P.col(3));
+  if (!K.fullPivLu().isInvertible()) {
+    projection->Throw("is not K [I | t]; correct it");
+  }
+  return rectified_from_cam->Inverse() *
+         Rigid3{Eigen::Quaterniond::Identity(), t};
+}
+
+}  // namespace
+
+bool IsOpenCv(const YamlValue& file) {
+  return file.FindAny(kMatrix).has_value() &&
+         file.FindAny(kDistortion).has_value();
+}
+
+std::vector<CalibratedCamera> ReadOpenCv(const YamlValue& file,
+                                         const std::filesystem::path& path) {
+  CalibratedCamera camera;
+  camera.names = NamesOf(file, path);
+  const YamlValue matrix = *file.FindAny(kMatrix);
+  camera.place = matrix.Place();
+  PinholeLens lens;
+  lens.distortion_model = DistortionModel(file);
+  lens.distortion = file.FindAny(kDistortion)->Numbers();
+  SetMatrixAndLens(matrix.Numbers(9), 3, lens, &camera);
+  const auto width = file.FindAny(kWidth);
+  const auto height = file.FindAny(kHeight);
+  if (width && height) camera.size_px.emplace(width->Size(), height->Size());
+  camera.cam_from_base = CamFromLeft(file);
+  return {camera};
+}
+
+}  // namespace mgsfm
