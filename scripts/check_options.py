@@ -125,7 +125,7 @@ def main():
     other_text = "".join(
         (ROOT / name).read_text(encoding="utf-8") for name in files
         if re.match(r"(scripts|experiments|workflow|tests|bench|packaging)/.*"
-                    r"\.(py|sh|h|cc)$|apps/mgsfm/colmap_names\.cc$", name)
+                    r"\.(py|sh|h|cc)$|apps/mgsfm/help\.cc$", name)
         and (ROOT / name).is_file())
     num_problems = 0
     for name in files:

@@ -1,32 +1,98 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <filesystem>
+#include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "base/file_reading.h"
+#include "base/text_tools.h"
+#include "cmd_images.h"
+#include "cmd_matching.h"
 #include "command.h"
 #include "commands.h"
-#include "early_checks.h"
-#include "exif_times.h"
-#include "extraction_run.h"
+#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "files/staged_output.h"
 #include "geometry/so3.h"
-#include "image_run_summary.h"
 #include "imaging/image_splitting.h"
 #include "live_view.h"
 #include "mapper_run.h"
 #include "matching/fisheye_detection.h"
-#include "matching_input.h"
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/matching/matching.h"
+#include "mgsfm/models/scene_loading.h"
+#include "models/rows_to_scene.h"
+#include "true_trajectory.h"
 #include "video/video_sampling.h"
-#include "video_run.h"
 
 namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
+
+std::optional<ImageSize> SizeOf(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(path, ignored)) return std::nullopt;
+  return ReadImageSize(ReadFile(path, "", kMaxImageHeaderBytes));
+}
+
+Camera CameraOf(CameraId id, const ImageSize& size) {
+  const auto width = static_cast<double>(size.width);
+  const auto height = static_cast<double>(size.height);
+  return {id,
+          CameraModelId::kSimplePinhole,
+          static_cast<int>(size.width),
+          static_cast<int>(size.height),
+          {std::max(width, height), 0.5 * width, 0.5 * height},
+          false};
+}
+
+// One camera per folder, with the size of its first image. Files before it are
+// no images and will be rejected.
+DatabaseContents RowsOf(const std::string& image_path,
+                        const std::vector<std::string>& names) {
+  DatabaseContents rows;
+  rows.path = image_path;
+  std::map<std::string, CameraId> camera_of_folder;
+  for (const std::string& name : names) {
+    const std::string folder = FolderOfName(name);
+    if (camera_of_folder.count(folder) == 0) {
+      const auto size = SizeOf(fs::path(image_path) / name);
+      if (!size) continue;
+      const CameraId id(static_cast<uint32_t>(rows.cameras.size() + 1));
+      rows.cameras.push_back(CameraOf(id, *size));
+      camera_of_folder.emplace(folder, id);
+    }
+    rows.images.push_back(
+        {ImageId(static_cast<uint32_t>(rows.images.size() + 1)),
+         name,
+         camera_of_folder.at(folder),
+         {}});
+  }
+  return rows;
+}
+
+// Throws the Error that the rigs would cause after the extraction of features:
+// names of cameras, folders and sizes of images that do not fit the
+// configuration, calibration or rule. Does nothing where intrinsics or times
+// decide.
+void CheckRigsOfImages(const std::string& image_path,
+                       const std::vector<std::string>& names,
+                       const SceneLoadingOptions& loading) {
+  const std::string& rule = loading.rig_name_rule;
+  const bool has_rule = rule != "auto" && rule != "none";
+  if (!has_rule && !loading.HasKnownRig()) return;
+  if (loading.PairsFramesByTime()) return;
+  DatabaseContents rows = RowsOf(image_path, names);
+  if (rows.images.empty()) return;
+  (void)BuildSceneOfRows("image folder", std::move(rows), loading, Context());
+}
 
 // Kind of images, under COLMAP's names.
 enum class DataType { kVideo, kIndividual, kPanorama, kDualFisheye };
@@ -198,19 +264,29 @@ void CheckSource(const AutomaticReconstructorOptions& options) {
   }
 }
 
-// Checks the inputs that are read only after the extraction of features, which
+// Checks the paths that are read only after the extraction of features, which
 // takes long.
 void CheckPaths(const AutomaticReconstructorOptions& options) {
   const ImageReaderOptions& reader = options.extraction.reader;
   const SceneLoadingOptions& loading = options.loading;
   const PosePriorOptions& priors = options.priors;
-  CheckPathsExist({{"rig_config_path", loading.rig_config_path},
-                   {"calibration_path", loading.calibration_path},
-                   {"image_timestamps_path", loading.image_timestamps_path},
-                   {"ref_images_path", priors.ref_images_path},
-                   {"gravity_path", priors.gravity_path},
-                   {"ImageReader.mask_path", reader.mask_path},
-                   {"ImageReader.camera_mask_path", reader.camera_mask_path}});
+  const std::pair<const char*, std::string> paths[] = {
+      {"rig_config_path", loading.rig_config_path},
+      {"calibration_path", loading.calibration_path},
+      {"image_timestamps_path", loading.image_timestamps_path},
+      {"ref_images_path", priors.ref_images_path},
+      {"gravity_path", priors.gravity_path},
+      {"ImageReader.mask_path", reader.mask_path},
+      {"ImageReader.camera_mask_path", reader.camera_mask_path}};
+  for (const auto& [option, path] : paths) {
+    std::error_code ignored;
+    if (path.empty() || fs::exists(path, ignored)) continue;
+    for (const std::string& item : SplitList(path)) {
+      if (fs::exists(item, ignored)) continue;
+      throw Error("'" + item + "' (--" + option +
+                  ") does not exist; check the path");
+    }
+  }
 }
 
 // The options of all that follows refer to the extracted images.

@@ -18,8 +18,8 @@
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/model_scene.h"
 #include "mgsfm/rigs/rig_config.h"
+#include "model_file.h"
 #include "scene/observations.h"
-#include "tool_model.h"
 
 namespace mgsfm {
 namespace {
@@ -34,9 +34,7 @@ struct BundleAdjusterOptions {
       "output_path", "", Required(),
       "Write the adjusted model into this folder. An earlier model is replaced "
       "when the new one is complete; other files stay. May be the input."};
-  Option<ModelFormat> output_format{
-      "output_format", ModelFormat::kBinary,
-      "Write the model in binary or text format."};
+  Option<ModelFormat> output_format = ModelFormatOption();
   Option<bool> retriangulate{
       "retriangulate", false,
       "Reject outliers and retriangulate all points in rounds, as the mapper "
@@ -204,10 +202,8 @@ void WriteCovariances(const ModelScene& input, const Reconstruction& model,
 void WriteResult(const ModelScene& input, const Reconstruction& model,
                  const BundleAdjusterOptions& options, const Context& context,
                  StagedOutput* output) {
-  WriteModel(output->StagingDir(), input.scene, model, options.output_format,
-             context);
-  WriteRigConfig((output->StagingDir() / "rig_config.json").string(),
-                 input.scene, model);
+  WriteModelAndRig(output->StagingDir(), input.scene, model,
+                   options.output_format, context);
   if (options.compute_covariances) {
     WriteCovariances(input, model, options, context, *output);
   }

@@ -7,19 +7,19 @@
 
 #include "base/grouped_warnings.h"
 #include "base/parallel.h"
+#include "cmd_images.h"
 #include "command.h"
 #include "commands.h"
 #include "exchange/ply.h"
 #include "files/file_operations.h"
 #include "files/staged_output.h"
-#include "image_run_summary.h"
 #include "imaging/image_run.h"
 #include "imaging/layouts.h"
 #include "mapper_run.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/imaging/undistorted_model.h"
 #include "mgsfm/imaging/views.h"
-#include "tool_model.h"
+#include "model_file.h"
 
 namespace mgsfm {
 namespace {
@@ -69,7 +69,7 @@ struct ImageUndistorterOptions {
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
                            "Set the quality of JPEG images; 100 is best."};
   ViewOptions views;
-  ToolRigOptions rigs;
+  ModelRigOptions rigs;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -237,8 +237,8 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
   CheckImagePath(options.image_path);
   CheckIsApart(*options.output_path, *options.image_path);
   CheckIsApart(*options.output_path, *options.mask_path);
-  const ToolModel tool_model =
-      ReadToolModel(options.input_path, options.rigs, context);
+  const ModelFile tool_model =
+      ReadModelFile(options.input_path, options.rigs, context);
   const SceneModel& input = tool_model.model;
   const std::vector<std::vector<View>> views_of_camera = PlanAllViews(
       input.reconstruction, options.views, options.output_type, context);
@@ -268,7 +268,7 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
                  context);
   WriteLayoutFiles(options, has_masks, model);
   const size_t num_images = model.scene.images.size();
-  WriteToolModel({{std::move(model.scene), std::move(model.reconstruction)},
+  WriteModelFile({{std::move(model.scene), std::move(model.reconstruction)},
                   tool_model.origin_wgs84},
                  ModelFormat::kBinary, context, &output);
   context.Info("undistorted " + Describe(summary) + "; " +

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -8,6 +12,8 @@
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
+#include "database/database_reader.h"
+#include "database/sqlite_database.h"
 #include "files/file_operations.h"
 #include "files/staged_output.h"
 #include "geometry/geodetic.h"
@@ -15,10 +21,13 @@
 #include "georegistration/gravity_leveling.h"
 #include "georegistration/position_registration.h"
 #include "math/statistics.h"
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/priors/pose_priors.h"
-#include "reference_positions.h"
-#include "tool_model.h"
+#include "mgsfm/scene/priors.h"
+#include "mgsfm/scene/scene.h"
+#include "model_file.h"
+#include "priors/position_files.h"
 
 namespace mgsfm {
 
@@ -44,11 +53,11 @@ struct EnumTable<AlignmentType> {
 
 namespace {
 
-struct ModelAlignerOptions {
-  Option<std::string> input_path{"input_path", "", Required(),
-                                 "Align the model in this folder."};
-  Option<std::string> output_path{"output_path", "", Required(),
-                                  "Write the aligned model into this folder."};
+struct ModelAlignerOptions : ModelEditOptions {
+  ModelAlignerOptions()
+      : ModelEditOptions("Align the model in this folder.",
+                         "Write the aligned model into this folder.") {}
+
   Option<std::string> ref_images_path{
       "ref_images_path", "",
       "Align to the positions in this file, one line `image_name X Y Z` per "
@@ -98,10 +107,6 @@ struct ModelAlignerOptions {
   Option<std::string> transform_path{
       "transform_path", "",
       "Write the transform to this file: scale qw qx qy qz tx ty tz."};
-  Option<ModelFormat> output_format{
-      "output_format", ModelFormat::kBinary,
-      "Write the model in binary or text format."};
-  ToolRigOptions rigs;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -113,6 +118,113 @@ struct ModelAlignerOptions {
   }
 };
 
+// Measured positions and gravity of the images of a finished model.
+struct ReferencePositions {
+  PositionPriors positions;
+  GravityPriors gravity;  // empty if it is not wanted
+};
+
+PosePriorOptions PriorOptions(const ModelAlignerOptions& options) {
+  // The standard deviations at which the registration drops a position.
+  constexpr double kOutlierDistance = 4.0;
+  PosePriorOptions priors;
+  priors.use_prior_position = true;
+  priors.ref_is_gps = options.ref_is_gps;
+  priors.overwrite_priors_covariance = true;
+  priors.prior_position_std_x_m =
+      options.alignment_max_error / kOutlierDistance;
+  priors.prior_position_std_y_m = priors.prior_position_std_x_m;
+  priors.prior_position_std_z_m = priors.prior_position_std_x_m;
+  priors.use_prior_gravity = options.use_prior_gravity;
+  return priors;
+}
+
+// Positions of images of the model; those of other images are skipped.
+std::vector<PosePriorRow> ReadPositions(const std::string& path,
+                                        const Scene& scene) {
+  std::vector<PosePriorRow> rows;
+  for (const NamedVector& line : ReadNamedVectors(
+           scene, path, "X Y Z", "ref_images_path", UnknownImages::kIgnore)) {
+    rows.push_back({scene.images[line.image_idx].id,
+                    PosePriorRow::CoordinateSystem::kUndefined, line.value,
+                    std::nullopt});
+  }
+  if (rows.empty()) {
+    throw Error("'" + path +
+                "' (--ref_images_path) has no position of an image of the "
+                "model, such as '" +
+                scene.images.front().name + "'; give names as in the model");
+  }
+  return rows;
+}
+
+// Only the names and ids of the images of a database, in canonical order.
+Scene ImagesOfDatabase(const std::string& path, const Context& context) {
+  const SqliteSnapshot snapshot(path);
+  Scene scene;
+  for (const ImageRow& row :
+       ReadStructure(snapshot.database(), context).images) {
+    scene.images.push_back({row.id, row.name, 0, 0, 0, {}});
+  }
+  std::sort(scene.images.begin(), scene.images.end(),
+            [](const Image& a, const Image& b) { return a.name < b.name; });
+  return scene;
+}
+
+// The index in the database of each image of the model.
+std::vector<size_t> FindImages(const Scene& model, const Scene& database,
+                               const std::string& database_path) {
+  std::map<std::string, size_t> idx_of_name;
+  for (size_t i = 0; i < database.images.size(); ++i) {
+    idx_of_name.emplace(database.images[i].name, i);
+  }
+  std::vector<size_t> idxs;
+  for (const Image& image : model.images) {
+    const auto found = idx_of_name.find(image.name);
+    if (found == idx_of_name.end()) {
+      throw Error("the database '" + database_path + "' has no image '" +
+                  image.name +
+                  "' of the model; give the database of its images");
+    }
+    idxs.push_back(found->second);
+  }
+  return idxs;
+}
+
+// Finds the positions of the images of a model by their names. The origin of
+// GPS positions in a database is that of the mapper, the first of all images by
+// name, so that all models of a database have the same world.
+ReferencePositions ReadReference(const ModelAlignerOptions& options,
+                                 const Scene& scene, const Context& context) {
+  const PosePriorOptions prior_options = PriorOptions(options);
+  ReferencePositions reference;
+  if (!options.ref_images_path->empty()) {
+    reference.positions =
+        MakePositionPriors(scene, ReadPositions(options.ref_images_path, scene),
+                           "'" + *options.ref_images_path + "'", prior_options);
+    return reference;
+  }
+  const Scene all = ImagesOfDatabase(options.database_path, context);
+  const std::vector<size_t> idxs =
+      FindImages(scene, all, options.database_path);
+  if (options.alignment_type != AlignmentType::kPlane) {
+    PositionPriors positions =
+        ReadPositionPriors(all, options.database_path, prior_options);
+    reference.positions.origin_wgs84 = positions.origin_wgs84;
+    reference.positions.num_null_fixes = positions.num_null_fixes;
+    for (const size_t i : idxs) {
+      reference.positions.images.push_back(positions.images[i]);
+    }
+  }
+  if (options.use_prior_gravity) {
+    const GravityPriors gravity =
+        ReadGravity(all, options.database_path, prior_options);
+    for (const size_t i : idxs) {
+      reference.gravity.images.push_back(gravity.images[i]);
+    }
+  }
+  return reference;
+}
 bool NeedsGps(AlignmentType type) {
   return type != AlignmentType::kCustom && type != AlignmentType::kPlane;
 }
@@ -182,19 +294,6 @@ Sim3 FindTransform(const Reconstruction& before, const Reconstruction& after) {
   transform.translation =
       to.front().Center() - transform * from.front().Center();
   return transform;
-}
-
-ReferenceSource SourceOf(const ModelAlignerOptions& options) {
-  // The standard deviations at which the registration drops a position.
-  constexpr double kOutlierDistance = 4.0;
-  ReferenceSource source;
-  source.ref_images_path = options.ref_images_path;
-  source.database_path = options.database_path;
-  source.ref_is_gps = options.ref_is_gps;
-  source.position_std_m = options.alignment_max_error / kOutlierDistance;
-  source.uses_positions = options.alignment_type != AlignmentType::kPlane;
-  source.uses_gravity = options.use_prior_gravity;
-  return source;
 }
 
 // Throws Error if the directions contradict the orientations of the images.
@@ -305,7 +404,7 @@ Eigen::Vector3d MeanPoint(const SceneModel& model) {
 
 // The transform from the east-north-up world of the first position to the world
 // of the alignment type. `scale` is the scale of the alignment.
-Sim3 FromEastNorthUp(AlignmentType type, double scale, ToolModel* input) {
+Sim3 FromEastNorthUp(AlignmentType type, double scale, ModelFile* input) {
   Sim3 transform;
   const bool keeps_world =
       type == AlignmentType::kCustom || type == AlignmentType::kEnu;
@@ -330,14 +429,13 @@ Sim3 FromEastNorthUp(AlignmentType type, double scale, ToolModel* input) {
   return transform;
 }
 
-Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
+Sim3 AlignToPositions(const ModelAlignerOptions& options, ModelFile* input,
                       const Context& context) {
   const Scene& scene = input->model.scene;
   const std::string reference_path = options.database_path->empty()
                                          ? options.ref_images_path
                                          : options.database_path;
-  const ReferencePositions reference =
-      ReadReference(SourceOf(options), scene, context);
+  const ReferencePositions reference = ReadReference(options, scene, context);
   const PositionPriors& positions = reference.positions;
   if (NeedsGps(options.alignment_type) && !positions.origin_wgs84) {
     throw Error("the positions in '" + reference_path +
@@ -383,10 +481,10 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
   return FindTransform(before, input->model.reconstruction);
 }
 
-Sim3 AlignToModel(const ModelAlignerOptions& options, ToolModel* input,
+Sim3 AlignToModel(const ModelAlignerOptions& options, ModelFile* input,
                   const Context& context) {
-  const ToolModel reference =
-      ReadToolModel(options.ref_model_path, ToolRigOptions(), context);
+  const ModelFile reference =
+      ReadModelFile(options.ref_model_path, ModelRigOptions(), context);
   const std::vector<ImagePoses> pairs =
       PairImages(input->model, reference.model);
   CheckCount(pairs.size(), options.ref_model_path, options);
@@ -404,14 +502,13 @@ Sim3 AlignToModel(const ModelAlignerOptions& options, ToolModel* input,
   return transform;
 }
 
-Sim3 Align(const ModelAlignerOptions& options, ToolModel* input,
+Sim3 Align(const ModelAlignerOptions& options, ModelFile* input,
            const Context& context) {
   if (options.alignment_type == AlignmentType::kPlane) {
     std::optional<Eigen::Vector3d> up;
     if (options.use_prior_gravity) {
-      up = MeasuredUp(
-          ReadReference(SourceOf(options), input->model.scene, context),
-          input->model);
+      up = MeasuredUp(ReadReference(options, input->model.scene, context),
+                      input->model);
       if (!up) {
         throw Error("'" + *options.database_path +
                     "' has no gravity of an image of the model; drop "
@@ -443,11 +540,10 @@ std::string TransformText(const Sim3& transform) {
 int RunModelAligner(const ModelAlignerOptions& options,
                     const Context& context) {
   CheckUsage(options);
-  StagedOutput output(*options.output_path, OutputKind::kModel);
-  ToolModel input = ReadToolModel(options.input_path, options.rigs, context);
-  CheckFormat(input.model.scene, options.output_format);
-  const Sim3 transform = Align(options, &input, context);
-  WriteToolModel(input, options.output_format, context, &output);
+  Sim3 transform;
+  EditModel(options, context, [&](ModelFile* file) {
+    transform = Align(options, file, context);
+  });
   if (!options.transform_path->empty()) {
     ReplaceFile(*options.transform_path, TransformText(transform));
   }

@@ -19,10 +19,10 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/priors/pose_priors.h"
+#include "model_file.h"
 #include "priors/position_files.h"
 #include "rigs/image_times.h"
-#include "tool_model.h"
-#include "truth_conventions.h"
+#include "truth_comparison.h"
 
 namespace mgsfm {
 namespace {
@@ -75,7 +75,7 @@ struct ModelConverterOptions {
       "Set latitude,longitude,altitude (degrees, meters) of the origin of the "
       "east-north-up world for geojson and kml. By default, geo_origin.json in "
       "the model states it."};
-  ToolRigOptions rigs;
+  ModelRigOptions rigs;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -207,7 +207,7 @@ void CheckConvention(const LoadedScene& loaded, const Reconstruction& model,
 }
 
 // The images of a database with the poses of a trajectory, without points.
-ToolModel PlaceOnTrajectory(const ModelConverterOptions& options,
+ModelFile PlaceOnTrajectory(const ModelConverterOptions& options,
                             PositionFileFormat format, const Context& context) {
   if (options.database_path->empty()) {
     throw Error("--input_type " + *options.input_type +
@@ -239,14 +239,14 @@ ToolModel PlaceOnTrajectory(const ModelConverterOptions& options,
   return {{std::move(scene), std::move(model)}, {}};
 }
 
-ToolModel ReadInput(const ModelConverterOptions& options,
+ModelFile ReadInput(const ModelConverterOptions& options,
                     const Context& context) {
   if (const auto format = FindTrajectoryFormat(options.input_type)) {
     return PlaceOnTrajectory(options, *format, context);
   }
   const bool is_auto = *options.input_type == "auto";
   if (is_auto && fs::is_directory(*options.input_path)) {
-    return ReadToolModel(options.input_path, options.rigs, context);
+    return ReadModelFile(options.input_path, options.rigs, context);
   }
   const ImportFormat* format = is_auto ? GuessImportFormat(*options.input_path)
                                        : FindImportFormat(*options.input_type);
@@ -258,8 +258,8 @@ ToolModel ReadInput(const ModelConverterOptions& options,
   if (format == nullptr) ThrowUnknownInput(options);
   const Model model = format->read(
       {*options.input_path, *options.image_path, *options.list_path}, context);
-  ToolModel result =
-      MakeToolModel(model, options.input_path, options.rigs, context);
+  ModelFile result =
+      MakeModelFile(model, options.input_path, options.rigs, context);
   context.Info("read: " + DescribeSize(result.model));
   return result;
 }
@@ -272,13 +272,13 @@ int RunModelConverter(const ModelConverterOptions& options,
       model_format ? nullptr : &FindFormat(options.output_type);
   std::optional<StagedOutput> output;
   if (model_format) output.emplace(*options.output_path, OutputKind::kModel);
-  ToolModel input = ReadInput(options, context);
+  ModelFile input = ReadInput(options, context);
   if (!options.origin->empty()) {
     input.origin_wgs84 = ParseOrigin(options.origin);
   }
   if (model_format) {
     CheckFormat(input.model.scene, *model_format);
-    WriteToolModel(input, *model_format, context, &*output);
+    WriteModelFile(input, *model_format, context, &*output);
     return kExitSuccess;
   }
   if (!options.image_timestamps_path->empty()) {

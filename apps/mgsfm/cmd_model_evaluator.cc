@@ -11,7 +11,6 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/evaluation/evaluation.h"
 #include "truth_comparison.h"
-#include "truth_conventions.h"
 
 namespace mgsfm {
 

@@ -7,9 +7,8 @@
 #include "files/staged_output.h"
 #include "mapper_run.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/base/version.h"
 #include "mgsfm/mapper/report.h"
-#include "mgsfm/rigs/rig_config.h"
+#include "model_file.h"
 
 namespace mgsfm {
 namespace {
@@ -42,9 +41,7 @@ struct PointTriangulatorOptions {
       "input."};
   Option<bool> clear_points{"clear_points", true,
                             "Discard old points. 0: keep and extend them."};
-  Option<ModelFormat> output_format{
-      "output_format", ModelFormat::kBinary,
-      "Write the model in binary or text format."};
+  Option<ModelFormat> output_format = ModelFormatOption();
   SceneLoadingOptions loading;
   ViewGraphOptions view_graph;
   TrackOptions tracks;
@@ -76,12 +73,8 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   run.database_path = options.database_path;
   run.input_path = options.input_path;
   run.loading = options.loading;
-  RunDescription description;
-  description.version = Version();
-  description.database_path = options.database_path;
-  description.input_path = options.input_path;
-  description.options_json = OptionsToJsonOf(options);
-  description.random_seed = context.random_seed;
+  run.options_json = OptionsToJsonOf(options);
+  RunDescription description = DescribeInput(run, context);
 
   const StageTimer reading;
   const LoadedInput input =
@@ -101,9 +94,8 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   const StageTimer writing;
   ColorModels(scene, options.image_path, context, &result);
   const Reconstruction& model = result.models.front().reconstruction;
-  WriteModel(output.StagingDir(), scene, model, options.output_format, context);
-  WriteRigConfig((output.StagingDir() / "rig_config.json").string(), scene,
-                 model);
+  WriteModelAndRig(output.StagingDir(), scene, model, options.output_format,
+                   context);
   description.times.push_back(writing.Stop("writing"));
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(

@@ -15,6 +15,7 @@
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
 #include "mgsfm/simulator/simulation.h"
+#include "model_file.h"
 #include "rigs/image_times.h"
 #include "scene/intrinsics_check.h"
 #include "simulator/position_measurement.h"
@@ -193,10 +194,8 @@ void WriteTruth(const Simulation& simulation, const SimulationOptions& options,
                 const Context& context) {
   const std::filesystem::path truth_path = staging_dir / "truth";
   std::filesystem::create_directory(truth_path);
-  WriteModel(truth_path, simulation.scene, simulation.ground_truth,
-             ModelFormat::kBinary, context);
-  WriteRigConfig((truth_path / "rig_config.json").string(), simulation.scene,
-                 simulation.ground_truth);
+  WriteModelAndRig(truth_path, simulation.scene, simulation.ground_truth,
+                   ModelFormat::kBinary, context);
   WriteImageTimestamps(staging_dir / "timestamps.txt", simulation.scene);
   if (!IsSynchronized(options)) {
     WriteTrueImages(simulation, staging_dir / "truth_images", context);

@@ -3,19 +3,257 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <iostream>
+#include <map>
 #include <optional>
 #include <set>
+#include <system_error>
 #include <tuple>
 #include <utility>
+#include <vector>
 
+#include "base/file_reading.h"
 #include "base/parallel.h"
-#include "colmap_names.h"
+#include "base/text_streams.h"
+#include "base/text_tools.h"
+#include "database/sqlite_database.h"
+#include "files/file_operations.h"
+#include "files/image_limits.h"
+#include "files/image_reading.h"
+#include "files/model_files.h"
+#include "help.h"
 #include "mgsfm/base/error.h"
-#include "output_check.h"
 
 namespace mgsfm {
 namespace {
+
+namespace fs = std::filesystem;
+
+// An output of some commands.
+struct Output {
+  const char* commands;  // separated by blanks
+  const char* option;
+  // What the command writes, relative to the path that the option names: files,
+  // folders of a model ("sparse/"), and folders of numbered models
+  // ("sparse/*"). "." is the path itself, and "export" its files: the path,
+  // those in it, and the path with an extension.
+  const char* writes;
+  // The input that the command may adjust in place, if any.
+  const char* in_place = "";
+};
+
+constexpr char kMatchers[] =
+    "exhaustive_matcher sequential_matcher vocab_tree_matcher spatial_matcher "
+    "matches_importer geometric_verifier";
+constexpr Output kOutputs[] = {
+    {"mapper", "output_path", "/*"},
+    {"automatic_reconstructor", "workspace_path",
+     "database.db views/cameras.txt views/rig_config.json "
+     "videos/timestamps.txt videos/video_sampling.json sparse/*"},
+    {"bundle_adjuster point_triangulator", "output_path", "/", "input_path"},
+    {"model_aligner model_cropper model_merger image_deleter", "output_path",
+     "/"},
+    {"model_aligner", "transform_path", "."},
+    {"model_converter", "output_path", "export /"},
+    {"model_splitter", "output_path", "/*"},
+    {"database_merger", "merged_database_path", "."},
+    {"image_undistorter", "output_path",
+     "undistortion.json transforms.json sparse_pc.ply sparse/ sparse/0/ "
+     "colmap/sparse/0/"},
+    {"image_splitter", "output_path", "cameras.txt rig_config.json"},
+    {"video_sampler", "output_path", "timestamps.txt video_sampling.json"},
+    {"simulate", "output_path",
+     "database.db timestamps.txt gravity.txt cameras.txt pairs.csv truth/ "
+     "truth_images/"},
+    {"model_evaluator", "json", "."},
+    {"model_evaluator", "svg_path", "."},
+    {"report", "output_path", "."},
+    {"feature_extractor rig_configurator exhaustive_matcher sequential_matcher "
+     "vocab_tree_matcher spatial_matcher matches_importer",
+     "database_path", "."},
+    {kMatchers, "shard_path", "."},
+    {kMatchers, "output_pairs_path", "."},
+    {"vocab_tree_builder", "vocab_tree_path", "."},
+};
+
+bool IsSameFile(const fs::path& target, const fs::path& file) {
+  std::error_code ignored;  // where one is missing
+  return fs::equivalent(target, file, ignored);
+}
+
+bool ExportReplaces(const fs::path& target, const fs::path& file) {
+  std::error_code ignored;
+  const std::string prefix = fs::weakly_canonical(target, ignored).string();
+  const std::string path = fs::weakly_canonical(file, ignored).string();
+  const bool has_prefix = path.compare(0, prefix.size(), prefix) == 0;
+  const char next = path.size() > prefix.size() ? path[prefix.size()] : '/';
+  return has_prefix && (next == '/' || next == '.');
+}
+
+// Whether an output at `target` would replace `file`.
+bool Replaces(const Output& output, const fs::path& target,
+              const fs::path& file) {
+  TextInput words(output.writes);
+  for (std::string word; words >> word;) {
+    const size_t slash = word.rfind('/');
+    const std::string kind =
+        slash == std::string::npos ? "" : word.substr(slash);
+    const std::string folder = word.substr(0, word.size() - kind.size());
+    const fs::path place = folder.empty() ? target : target / folder;
+    const bool replaces =
+        word == "export" ? ExportReplaces(target, file)
+        : kind == "/*"   ? IsReplacedByOutput(place, OutputKind::kRun, file)
+        : kind == "/"    ? IsReplacedByOutput(place, OutputKind::kModel, file)
+                      : IsSameFile(word == "." ? target : target / word, file);
+    if (replaces) return true;
+  }
+  return false;
+}
+
+// An output of a command, and the path that its option names.
+struct Target {
+  const Output* output;
+  std::string path;
+  // A file of its own, unlike a database, which is extended.
+  bool is_new_file;
+};
+
+std::vector<Target> TargetsOf(const std::string& command,
+                              const OptionList& options) {
+  std::vector<Target> targets;
+  for (const Output& output : kOutputs) {
+    const std::string commands = " " + std::string(output.commands) + " ";
+    if (commands.find(" " + command + " ") == std::string::npos) continue;
+    for (const OptionEntry& entry : options) {
+      const std::string path = FormatOptionValue(entry.get());
+      if (entry.name != output.option || path.empty()) continue;
+      targets.push_back(
+          {&output, path,
+           output.writes == std::string(".") && entry.name != "database_path"});
+    }
+  }
+  return targets;
+}
+
+struct NamedPath {
+  std::string option;
+  std::string path;
+};
+
+bool EndsWith(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() &&
+         text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
+// The files behind an input path. A folder stands for the files of the model in
+// it; outputs never replace images, nor pipes.
+std::vector<fs::path> FilesOf(const fs::path& path) {
+  std::error_code ignored;
+  if (fs::is_fifo(path, ignored)) return {};
+  if (!fs::is_directory(path, ignored)) return {path};
+  std::vector<fs::path> files;
+  for (const std::string& name : ListFolder(path).model_files) {
+    files.push_back(path / name);
+  }
+  return files;
+}
+
+// Some options take a list of paths, separated by commas.
+std::vector<NamedPath> ReadInputs(const std::vector<Target>& targets,
+                                  const OptionList& options,
+                                  const std::string& config_path) {
+  std::vector<NamedPath> inputs;
+  const auto add = [&](const std::string& option, const std::string& value) {
+    if (!value.empty()) inputs.push_back({option, value});
+    for (const std::string& item : SplitList(value)) {
+      if (item != value) inputs.push_back({option, item});
+    }
+  };
+  for (const OptionEntry& entry : options) {
+    const OptionValue value = entry.get();
+    const bool is_output =
+        std::any_of(targets.begin(), targets.end(), [&](const Target& target) {
+          return target.output->option == entry.name;
+        });
+    if (!EndsWith(entry.name, "_path") || is_output ||
+        !std::holds_alternative<std::string>(value)) {
+      continue;
+    }
+    add(entry.name, std::get<std::string>(value));
+  }
+  add("config_path", config_path);
+  return inputs;
+}
+
+// The kind of a file of the user's that no table, list or page may replace,
+// even if it is no input; empty for other files.
+std::string KindOfKeptFile(const std::string& target) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(target, ignored)) return "";
+  if (HasDatabaseHeader(target)) return "a database";
+  const std::string header = ReadFile(target, "", kMaxImageHeaderBytes);
+  return ReadImageSize(header).has_value() ? "an image" : "";
+}
+
+void CheckIsNotKept(const Target& target) {
+  const std::string option = target.output->option;
+  // The command itself reads an existing database there, and extends or refuses
+  // it.
+  if (option == "shard_path" || option == "merged_database_path") return;
+  const std::string kind = KindOfKeptFile(target.path);
+  if (kind.empty()) return;
+  throw Error("'" + target.path + "' (--" + option + ") is " + kind +
+              ", which the output would replace; choose another " + option);
+}
+
+// A new file is neither named like a file of a model nor another output.
+void CheckNewFiles(const std::string& command,
+                   const std::vector<Target>& targets) {
+  std::map<fs::path, std::string> option_of_file;
+  for (const Target& target : targets) {
+    if (!target.is_new_file) continue;
+    const std::string option = target.output->option;
+    const std::string remedy = "; choose another " + option;
+    // The page of a model may stand beside the model.
+    const bool is_page = command == "report";
+    if (!is_page && IsModelFileName(fs::path(target.path).filename())) {
+      throw Error("'" + target.path + "' (--" + option +
+                  ") is the name of a file of a model" + remedy);
+    }
+    const auto [other, is_new] =
+        option_of_file.emplace(CanonicalPath(target.path), option);
+    if (!is_new) {
+      throw Error("'" + other->first.string() + "' is the output of --" +
+                  other->second + " and of --" + option + remedy);
+    }
+  }
+}
+
+void CheckOutputsAreNoInputs(const std::string& command,
+                             const OptionList& options,
+                             const std::string& config_path) {
+  const std::vector<Target> targets = TargetsOf(command, options);
+  CheckNewFiles(command, targets);
+  for (const Target& target : targets) {
+    const bool is_file = target.is_new_file || command == "model_converter";
+    if (is_file) CheckIsNotKept(target);
+  }
+  const std::vector<NamedPath> inputs =
+      ReadInputs(targets, options, config_path);
+  for (const Target& target : targets) {
+    const Output& output = *target.output;
+    for (const NamedPath& input : inputs) {
+      if (input.option == output.in_place) continue;
+      for (const fs::path& file : FilesOf(input.path)) {
+        if (!Replaces(output, target.path, file)) continue;
+        throw Error("'" + file.string() + "' is an input (--" + input.option +
+                    ") that --" + output.option +
+                    " would replace; choose another " + output.option);
+      }
+    }
+  }
+}
 
 struct Flag {
   std::string name;

@@ -11,8 +11,9 @@
 #include "mgsfm/base/options_io.h"
 
 // How to add a command `foo`:
-// 1. Write apps/mgsfm/cmd_foo.cc with its options, in one struct
-//    (see mgsfm/base/options.h). Paths are strings named `*_path`; those that
+// 1. Write apps/mgsfm/cmd_foo.cc, or add to the file of its topic, with the
+//    options in one struct (see mgsfm/base/options.h).
+//    Paths are strings named `*_path`; those that
 //    must be given have the range Required(). The options of a stage go into a
 //    group of their own; those of a whole pipeline can be listed along:
 //
@@ -45,7 +46,7 @@
 //
 // 2. Declare FooCommand in commands.h and add it to the table in program.cc.
 // 3. Add cmd_foo.cc, and the modules it uses, to apps/mgsfm/CMakeLists.txt.
-// 4. List its outputs in output_check.cc and its basic options in help.cc.
+// 4. List its outputs in command.cc and its basic options in help.cc.
 //
 // The flags, their checks, --help, --config_path, --dump_config, the common
 // options below and the section of docs/reference/options.md are generated.
@@ -156,7 +157,11 @@ bool ParseArguments(const std::string& name, const std::string& summary,
                     const std::vector<std::string>& arguments,
                     const OptionList& options);
 
-// The checks of ParseArguments.
+// The checks of ParseArguments. Throws Error, naming the file and both options,
+// if the outputs of a command would replace one of its inputs: a database,
+// model, list, calibration or configuration file. An input_path that the
+// command may adjust in place is none of them. Likewise if a file that is
+// written would replace an image or a database, input or not.
 void CheckCommandOptions(const std::string& name, const OptionList& options,
                          const std::string& config_path = "");
 

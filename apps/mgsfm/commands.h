@@ -10,7 +10,7 @@ namespace mgsfm {
 // All of the below, in the order of --help.
 std::vector<Command> AllCommands();
 
-// One per file cmd_*.cc.
+// Defined in cmd_*.cc.
 Command AutomaticReconstructorCommand();
 Command BundleAdjusterCommand();
 Command DatabaseCleanerCommand();

@@ -10,7 +10,7 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/mapper/mapper.h"
-#include "progress_text.h"
+#include "terminal.h"
 
 namespace mgsfm {
 

@@ -1,29 +1,142 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper_run.h"
 
+#include <exception>
 #include <filesystem>
+#include <map>
 #include <set>
+#include <string>
+#include <system_error>
 #include <utility>
 
 #include "command.h"
 #include "database/database_reader.h"
 #include "files/file_operations.h"
+#include "files/mask_folder.h"
+#include "files/model_files.h"
 #include "files/staged_output.h"
-#include "fixed_region_masks.h"
 #include "live_view.h"
 #include "mapper/covariance_report.h"
 #include "mapper/run_summary.h"
-#include "memory_limit.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
 #include "mgsfm/mapper/report.h"
+#include "mgsfm/report_page/report_page.h"
 #include "mgsfm/rigs/rig_config.h"
 #include "models/point_colors.h"
-#include "report_pages.h"
+#include "partition_run.h"
 
 namespace mgsfm {
+
 namespace {
+
+namespace fs = std::filesystem;
+
+size_t WriteMasks(const fs::path& folder, const Scene& scene,
+                  const MapperResult& result) {
+  std::map<int, const FixedRegion*> of_sensor;
+  for (const FixedRegion& region : result.fixed_regions) {
+    of_sensor[region.sensor_idx] = &region;
+  }
+  std::map<std::pair<int, int>, std::string> files;  // per sensor and camera
+  size_t num_masks = 0;
+  for (const Image& image : scene.images) {
+    const auto found = of_sensor.find(image.sensor_idx);
+    if (found == of_sensor.end()) continue;
+    const FixedRegion& region = *found->second;
+    std::string& file = files[{image.sensor_idx, image.camera_idx}];
+    if (file.empty()) {
+      const Camera& camera = scene.cameras[image.camera_idx];
+      file = EncodeMask({region.num_rows, region.num_columns, region.is_fixed},
+                        camera.width_px, camera.height_px);
+    }
+    const fs::path path = MaskPathOf(folder, image.name);
+    fs::create_directories(path.parent_path());
+    ReplaceFile(path, file);
+    ++num_masks;
+  }
+  return num_masks;
+}
+
+// Throws Error if the folder has files, which may be masks of the user.
+void CheckFixedRegionFolder(const fs::path& folder) {
+  std::error_code error;
+  if (folder.empty() || !fs::exists(folder, error)) return;
+  if (fs::is_directory(folder, error) && fs::is_empty(folder, error)) return;
+  throw Error("fixed_region_mask_path '" + folder.string() +
+              "' is not an empty folder; name a new one");
+}
+
+// Writes a mask per image of the sensors that have fixed regions, as
+// ImageReader.mask_path reads them. A failure is a warning: the models are
+// complete.
+void WriteFixedRegionMasks(const fs::path& folder, const Scene& scene,
+                           const MapperResult& result, const Context& context) {
+  if (result.fixed_regions.empty()) {
+    context.Info("no masks: no image shows what moves along with the rig");
+    return;
+  }
+  try {
+    const size_t num_masks = WriteMasks(folder, scene, result);
+    context.Info("masks of " + std::to_string(num_masks) + " images: give '" +
+                 folder.string() + "' to ImageReader.mask_path");
+  } catch (const std::exception& error) {
+    context.Warning("the models are complete, but the masks in '" +
+                    folder.string() + "' were not written: " + error.what());
+  }
+}
+
+std::string MakePage(const std::string& title, const std::string& image_path,
+                     const MapperInput& input, const MapperResult& result,
+                     size_t model_idx, const std::string& report_json,
+                     const Context& context) {
+  const MapperModel& model = result.models[model_idx];
+  const bool has_separate_images =
+      model.soft_rig_images && model.soft_rig_images->summary.is_usable;
+  const auto make = [&](const Scene& scene, const Reconstruction& poses) {
+    ReportPageInput page{title, scene, poses};
+    page.view_graph = &input.view_graph;
+    page.report_json = report_json;
+    page.model_idx = model_idx;
+    page.image_path = image_path;
+    if (!has_separate_images) page.frame_confidence = model.confidence.of_frame;
+    return MakeReportPage(page, ReportPageOptions(), context);
+  };
+  if (!has_separate_images) return make(input.scene, model.reconstruction);
+  return make(SeparateImages(input.scene),
+              SeparateImages(model.reconstruction,
+                             model.soft_rig_images->cam_from_world));
+}
+
+// Writes report.html into the folder of each model of a run. Returns the page
+// of the first model, or "". Logs a warning instead of failing, also if it is
+// interrupted: the models are complete.
+std::string WriteReportPages(const fs::path& output_path,
+                             const std::string& image_path,
+                             const MapperInput& input,
+                             const MapperResult& result,
+                             const std::string& report_json,
+                             const Context& context) {
+  std::string first_page;
+  for (size_t i = 0; i < result.models.size(); ++i) {
+    const fs::path folder = output_path / std::to_string(i);
+    const fs::path path = folder / kReportPageFileName;
+    try {
+      std::string page = MakePage(folder.string(), image_path, input, result, i,
+                                  report_json, context);
+      ReplaceFile(path, page);
+      if (i == 0) first_page = std::move(page);
+    } catch (const std::exception& error) {
+      std::error_code ignored;
+      fs::remove(path, ignored);
+      context.Warning("the model is complete, but its page '" + path.string() +
+                      "' was not written: " + error.what());
+      break;
+    }
+  }
+  return first_page;
+}
 
 void CheckTimestamps(const MapperRun& run) {
   if (run.loading.image_timestamps_path->empty() &&
@@ -76,7 +189,7 @@ void LogSummary(const MapperRun& run, const Scene& scene,
   for (const std::string& line : DescribeRun(SummarizeRun(scene, result))) {
     context.Info(line);
   }
-  const std::filesystem::path output(run.output_path);
+  const fs::path output(run.output_path);
   context.Info("written: models in " + output.string() + ", details in " +
                (output / "report.json").string());
   if (!run.mapper.compute_covariances) {
@@ -91,7 +204,7 @@ void LogSummary(const MapperRun& run, const Scene& scene,
 
 // A soft rig has one pose per image. Then each image is written as a frame of
 // its own, so that the tables agree.
-void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
+void WriteModelFiles(const fs::path& folder, const Scene& scene,
                      const MapperModel& model, ModelFormat format,
                      const Context& context) {
   if (model.soft_rig_images && model.soft_rig_images->summary.is_usable) {
@@ -105,12 +218,12 @@ void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
 }
 
 void WriteModels(const MapperInput& input, const MapperResult& result,
-                 ModelFormat format, const std::filesystem::path& output_path,
+                 ModelFormat format, const fs::path& output_path,
                  const Context& context) {
   for (size_t i = 0; i < result.models.size(); ++i) {
-    const std::filesystem::path folder = output_path / std::to_string(i);
+    const fs::path folder = output_path / std::to_string(i);
     const Reconstruction& model = result.models[i].reconstruction;
-    std::filesystem::create_directory(folder);
+    fs::create_directory(folder);
     WriteModelFiles(folder, input.scene, result.models[i], format, context);
     WriteRigConfig((folder / "rig_config.json").string(), input.scene, model);
     const auto& registration = result.models[i].position_priors;
@@ -131,24 +244,24 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
 }
 
 void LogNoModel(const MapperRun& run, const Context& context) {
-  const std::filesystem::path output(run.output_path);
+  const fs::path output(run.output_path);
   context.log(LogLevel::kError, "no model could be reconstructed; see " +
                                     (output / "report.json").string());
 }
 
 // A model that was extended without registration keeps its origin.
-void KeepGeoOrigin(const std::filesystem::path& input_path,
-                   const MapperResult& result,
-                   const std::filesystem::path& output_path) {
-  const std::filesystem::path origin = input_path / "geo_origin.json";
-  if (input_path.empty() || !std::filesystem::is_regular_file(origin)) return;
+void KeepGeoOrigin(const fs::path& input_path, const MapperResult& result,
+                   const fs::path& output_path) {
+  const fs::path origin = input_path / "geo_origin.json";
+  if (input_path.empty() || !fs::is_regular_file(origin)) return;
   for (size_t i = 0; i < result.models.size(); ++i) {
     const auto& priors = result.models[i].position_priors;
     if (priors && priors->is_registered) continue;
-    std::filesystem::copy_file(
-        origin, output_path / std::to_string(i) / "geo_origin.json");
+    fs::copy_file(origin, output_path / std::to_string(i) / "geo_origin.json");
   }
 }
+
+}  // namespace
 
 RunDescription DescribeInput(const MapperRun& run, const Context& context) {
   RunDescription description;
@@ -160,10 +273,8 @@ RunDescription DescribeInput(const MapperRun& run, const Context& context) {
   return description;
 }
 
-}  // namespace
-
 void CheckImagePath(const std::string& image_path) {
-  if (!image_path.empty() && !std::filesystem::is_directory(image_path)) {
+  if (!image_path.empty() && !fs::is_directory(image_path)) {
     throw Error("--image_path '" + image_path + "' is not a folder");
   }
 }

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <optional>
 #include <string>
 
 #include "baselines/mapper_baselines.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/mapper/mapper.h"
+#include "mgsfm/mapper/report.h"
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/priors/pose_priors.h"
@@ -53,6 +53,9 @@ struct StartUse {
 // model, and that model. Priors are not loaded. Throws Error for bad input.
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context);
+
+// What the report says of a run and its input.
+RunDescription DescribeInput(const MapperRun& run, const Context& context);
 
 // Colors the points of models, unless `image_path` is empty.
 void ColorModels(const Scene& scene, const std::string& image_path,

@@ -1,36 +1,68 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "program.h"
 
+#include <ceres/version.h>
+#include <cholmod.h>
 #include <fcntl.h>
+#include <flann/config.h>
 #include <poll.h>
+#include <sqlite3.h>
 #include <unistd.h>
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cctype>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
+#include <exiv2/version.hpp>
 #include <filesystem>
 #include <iostream>
 #include <iterator>
 #include <new>
+#include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
+#include <opencv2/core/version.hpp>
 #include <system_error>
 #include <utility>
 
 #include "base/text.h"
-#include "colmap_names.h"
 #include "commands.h"
-#include "interruption.h"
+#include "help.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/version.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
-#include "terminal_style.h"
-#include "version_text.h"
+#include "terminal.h"
 
 namespace mgsfm {
-
 namespace {
+
+#ifdef __clang__
+constexpr char kCompiler[] = __VERSION__;
+#else
+constexpr char kCompiler[] = "GCC " __VERSION__;
+#endif
+
+std::string Join(int major, int minor, int patch) {
+  return std::to_string(major) + "." + std::to_string(minor) + "." +
+         std::to_string(patch);
+}
+
+// The version, the commit, the compiler and the libraries.
+std::string VersionText(const std::string& commit) {
+  return std::string("mgsfm ") + Version() + ", commit " + commit +
+         "\ncompiler:  " + kCompiler + "\nEigen:     " +
+         Join(EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION) +
+         "\nCeres:     " CERES_VERSION_STRING + "\nCHOLMOD:   " +
+         Join(CHOLMOD_MAIN_VERSION, CHOLMOD_SUB_VERSION,
+              CHOLMOD_SUBSUB_VERSION) +
+         "\nOpenCV:    " CV_VERSION "\nExiv2:     " + Exiv2::versionString() +
+         "\nFLANN:     " FLANN_VERSION_ "\nSQLite:    " + sqlite3_libversion() +
+         "\nJSON:      " +
+         Join(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR,
+              NLOHMANN_JSON_VERSION_PATCH) +
+         "\n";
+}
 
 struct CommandGroup {
   const char* title;

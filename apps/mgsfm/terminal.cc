@@ -1,23 +1,142 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "terminal.h"
+
 #include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
 #include <cstdio>
+#include <cstdlib>
+#include <ctime>
 #include <map>
 #include <memory>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "command.h"
-#include "interruption.h"
 #include "mgsfm/base/timer.h"
-#include "progress_text.h"
-#include "terminal_style.h"
 
 namespace mgsfm {
+namespace {
+
+std::string Variable(const char* name) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? "" : value;
+}
+
+}  // namespace
+
+bool ErrorStreamIsTerminal() {
+  const std::string kind = Variable("TERM");
+  return isatty(STDERR_FILENO) != 0 && !kind.empty() && kind != "dumb";
+}
+
+std::string Colored(Color color, const std::string& text) {
+  if (!ErrorStreamIsTerminal() || !Variable("NO_COLOR").empty()) return text;
+  return "\033[" + std::to_string(static_cast<int>(color)) + "m" + text +
+         "\033[0m";
+}
+
+namespace {
+
+constexpr int kSignals[] = {SIGINT, SIGTERM, SIGHUP};
+// `timeout` and terminals may send the same signal twice at a time.
+constexpr int64_t kPatienceSeconds = 2;
+
+// A handler can share nothing else with the program.
+std::atomic<int> first_signal{0};
+std::atomic<int64_t> first_time{0};
+static_assert(std::atomic<int>::is_always_lock_free &&
+              std::atomic<int64_t>::is_always_lock_free);
+
+// Only calls functions that are safe in a handler.
+void OnSignal(int signal) {
+  const int saved_errno = errno;
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  int none = 0;
+  if (first_signal.compare_exchange_strong(none, signal)) {
+    first_time = now.tv_sec;
+  } else if (now.tv_sec - first_time >= kPatienceSeconds) {
+    std::signal(signal, SIG_DFL);
+    raise(signal);
+  }
+  errno = saved_errno;
+}
+
+}  // namespace
+
+void CatchInterruptions() {
+  for (const int signal : kSignals) {
+    struct sigaction action {};
+    sigaction(signal, nullptr, &action);
+    if (action.sa_handler == SIG_IGN) continue;
+    action.sa_handler = OnSignal;
+    action.sa_flags = SA_RESTART;
+    sigemptyset(&action.sa_mask);
+    sigaction(signal, &action, nullptr);
+  }
+}
+
+int InterruptionSignal() { return first_signal; }
+
+int EndByInterruption() {
+  const int signal = InterruptionSignal();
+  std::signal(signal, SIG_DFL);
+  raise(signal);
+  return 128 + signal;
+}
+
+std::string FormatHoursMinutes(double seconds) {
+  // An estimate of more than a century is meaningless.
+  constexpr double kMaxMinutes = 60.0 * 24.0 * 36525.0;
+  const auto minutes = static_cast<long>(
+      std::clamp(std::ceil(seconds / 60.0), 0.0, kMaxMinutes));
+  return Formatted("%ld:%02ld", minutes / 60, minutes % 60);
+}
+
+std::string ProgressBar(double share, int width) {
+  const int num_done = static_cast<int>(std::clamp(share, 0.0, 1.0) *
+                                        static_cast<double>(width));
+  std::string bar(static_cast<size_t>(num_done), '=');
+  if (num_done < width) bar += '>';
+  bar.resize(static_cast<size_t>(width), ' ');
+  return "[" + bar + "]";
+}
+
+std::optional<std::string> ProgressText::Update(const Progress& progress,
+                                                double now_s) {
+  if (progress.total == 0) return std::nullopt;
+  // The same stage may run once more, for another part of the scene.
+  if (progress.stage != stage_ || progress.done < num_done_at_start_) {
+    stage_ = progress.stage;
+    stage_start_s_ = now_s;
+    num_done_at_start_ = progress.done;
+  }
+  share_ =
+      static_cast<double>(progress.done) / static_cast<double>(progress.total);
+  if (progress.done >= progress.total) {
+    stage_.clear();
+    return std::nullopt;
+  }
+  const auto num_new = static_cast<double>(progress.done - num_done_at_start_);
+  if (num_new == 0.0 || now_s - shown_s_ < interval_s_) return std::nullopt;
+  shown_s_ = now_s;
+  const double per_second = num_new / std::max(1e-9, now_s - stage_start_s_);
+  const auto num_left = static_cast<double>(progress.total - progress.done);
+  const std::string numbers = Formatted(
+      per_second < 1000.0 ? ": %zu of %zu, %.3g/s, " : ": %zu of %zu, %.0f/s, ",
+      progress.done, progress.total, per_second);
+  return stage_ + numbers + FormatHoursMinutes(num_left / per_second) + " left";
+}
+
 namespace {
 
 // Often enough for the eye, seldom enough to cost nothing.

@@ -5,18 +5,95 @@
 #include <filesystem>
 #include <map>
 #include <set>
+#include <utility>
 
+#include "base/text.h"
 #include "base/text_tools.h"
+#include "geometry/rigid_matrix.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/database.h"
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/models/trajectory_io.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
-#include "named_model.h"
 #include "true_trajectory.h"
 
 namespace mgsfm {
+namespace {
+
+using Eigen::Quaterniond;
+
+// The rotation cam_from_world if the file is meant differently.
+Quaterniond Reread(const Quaterniond& cam_from_world,
+                   const PoseConvention& convention, bool is_reordered,
+                   bool is_inverse) {
+  Quaterniond in_file = convention.is_world_from_cam
+                            ? cam_from_world.conjugate()
+                            : cam_from_world;
+  if (is_reordered && convention.order == PoseConvention::kXyzw) {
+    in_file = Quaterniond(in_file.x(), in_file.y(), in_file.z(), in_file.w());
+  } else if (is_reordered) {
+    in_file = FromOrderXyzw(in_file);
+  }
+  return convention.is_world_from_cam != is_inverse ? in_file.conjugate()
+                                                    : in_file;
+}
+
+double MedianDifference(const std::vector<RotationEvidence>& evidence,
+                        const PoseConvention& convention, bool is_reordered,
+                        bool is_inverse) {
+  std::vector<double> differences_rad;
+  for (const RotationEvidence& pair : evidence) {
+    const auto reread = [&](const Quaterniond& rotation) {
+      return Reread(rotation, convention, is_reordered, is_inverse);
+    };
+    differences_rad.push_back(
+        AngleBetween(pair.second_from_first,
+                     reread(pair.second) * reread(pair.first).conjugate()));
+  }
+  return Median(std::move(differences_rad));
+}
+
+}  // namespace
+
+std::optional<std::string> FindOtherConvention(
+    const std::vector<RotationEvidence>& evidence,
+    const PoseConvention& convention, const std::string& source) {
+  constexpr size_t kMinNumPairs = 9;
+  // Errors of sound poses shrink by no other convention.
+  constexpr double kMaxRatio = 0.2;
+  if (evidence.size() < kMinNumPairs) return std::nullopt;
+  const double difference_rad =
+      MedianDifference(evidence, convention, false, false);
+  for (const auto& [is_reordered, is_inverse] :
+       {std::pair(true, false), std::pair(false, true),
+        std::pair(true, true)}) {
+    if (is_reordered && convention.order == PoseConvention::kMatrix) continue;
+    const double other_rad =
+        MedianDifference(evidence, convention, is_reordered, is_inverse);
+    if (!(other_rad < kMaxRatio * difference_rad)) continue;
+    const auto degrees = [](double rad) {
+      return FormatDouble(RadToDeg(rad), std::chars_format::general, 3);
+    };
+    std::string other = !is_inverse                    ? ""
+                        : convention.is_world_from_cam ? "poses cam_from_world"
+                                                       : "poses world_from_cam";
+    if (is_reordered) {
+      other +=
+          std::string(is_inverse ? " and " : "") + "quaternions " +
+          (convention.order == PoseConvention::kXyzw ? "w x y z" : "x y z w");
+    }
+    return "the rotations from image to image differ from those of the " +
+           source + " by " + degrees(difference_rad) +
+           " deg in the median, but by " + degrees(other_rad) +
+           " deg if the file has " + other +
+           "; write it again in the documented convention";
+  }
+  return std::nullopt;
+}
+
 namespace {
 
 // True sensor_from_ref per sensor of the model, as far as it is known.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "live_request.h"
-
 #include <gtest/gtest.h>
+
+#include "live_server.h"
 
 namespace mgsfm {
 namespace {

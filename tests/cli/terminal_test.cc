@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Output of the program to the standard error stream while it runs.
+#include "terminal.h"
+
 #include <string>
 
 #include "cli/program_runs.h"
-#include "progress_text.h"
 
 namespace mgsfm {
 namespace {

@@ -8,6 +8,29 @@
 
 namespace mgsfm {
 
+// The standard error stream is a terminal that can overwrite a line.
+bool ErrorStreamIsTerminal();
+
+enum class Color { kRed = 31, kYellow = 33 };
+
+// The text for the standard error stream: colored on a terminal, unless the
+// variable NO_COLOR is set (no-color.org).
+std::string Colored(Color color, const std::string& text);
+
+// Makes SIGINT, SIGTERM and SIGHUP requests to stop in good order, as
+// Context::is_canceled reports them. Signals that the caller has set to be
+// ignored stay so (nohup, background jobs). A signal that comes two seconds
+// after the first or later ends the process at once.
+void CatchInterruptions();
+
+// The first signal that was caught, or 0.
+int InterruptionSignal();
+
+// Ends the process by that signal, as if it had not been caught: only then do
+// shells and make stop, too. If the signal cannot end the process (PID 1 of a
+// container), returns the exit code that a shell would show.
+int EndByInterruption();
+
 // "1:05" for 65 minutes. Rounds up, so that it is 0:00 only at the end.
 std::string FormatHoursMinutes(double seconds);
 

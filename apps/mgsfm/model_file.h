@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -14,9 +16,14 @@
 
 namespace mgsfm {
 
+inline Option<ModelFormat> ModelFormatOption() {
+  return {"output_format", ModelFormat::kBinary,
+          "Write the model in binary or text format."};
+}
+
 // The rigs of commands on finished models. These commands make no rigs by
 // themselves, as the mapper does: that would change the poses of images.
-struct ToolRigOptions {
+struct ModelRigOptions {
   Option<std::string> rig_config_path{
       "rig_config_path", "",
       "Group the images into the rigs of COLMAP's rig_config.json or of an "
@@ -34,21 +41,43 @@ struct ToolRigOptions {
 };
 
 // A model on disk, and its place on the earth if it has one.
-struct ToolModel {
+struct ModelFile {
   SceneModel model;
   std::optional<Eigen::Vector3d> origin_wgs84;
 };
 
-ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
+ModelFile ReadModelFile(const std::string& path, const ModelRigOptions& rigs,
                         const Context& context);
 
 // The same for a model in memory; `path` names it in messages.
-ToolModel MakeToolModel(const Model& model, const std::string& path,
-                        const ToolRigOptions& rigs, const Context& context);
+ModelFile MakeModelFile(const Model& model, const std::string& path,
+                        const ModelRigOptions& rigs, const Context& context);
+
+// Writes a model and its rig_config.json.
+void WriteModelAndRig(const std::filesystem::path& folder, const Scene& scene,
+                      const Reconstruction& reconstruction, ModelFormat format,
+                      const Context& context);
 
 // Writes the model, rig_config.json and geo_origin.json, and commits them.
-void WriteToolModel(const ToolModel& model, ModelFormat format,
+void WriteModelFile(const ModelFile& model, ModelFormat format,
                     const Context& context, StagedOutput* output);
+
+// What commands that change a model share.
+struct ModelEditOptions {
+  ModelEditOptions(const char* input_help, const char* output_help)
+      : input_path("input_path", "", Required(), input_help),
+        output_path("output_path", "", Required(), output_help) {}
+
+  Option<std::string> input_path;
+  Option<std::string> output_path;
+  Option<ModelFormat> output_format = ModelFormatOption();
+  ModelRigOptions rigs;
+};
+
+// Writes the model that `edit` has changed; nothing if it throws. Returns the
+// size of the model (DescribeSize).
+std::string EditModel(const ModelEditOptions& options, const Context& context,
+                      const std::function<void(ModelFile*)>& edit);
 
 // "12 frames, 48 images and 3600 points", for messages.
 std::string DescribeSize(const SceneModel& model);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "tool_model.h"
+#include "model_file.h"
 
 #include <algorithm>
 #include <utility>
@@ -25,8 +25,8 @@ bool HasRigs(const PoseModel& poses) {
 
 }  // namespace
 
-ToolModel MakeToolModel(const Model& model, const std::string& path,
-                        const ToolRigOptions& rigs, const Context& context) {
+ModelFile MakeModelFile(const Model& model, const std::string& path,
+                        const ModelRigOptions& rigs, const Context& context) {
   SceneLoadingOptions loading;
   loading.rig_config_path = rigs.rig_config_path;
   loading.rig_name_rule = rigs.rig_name_rule;
@@ -37,25 +37,40 @@ ToolModel MakeToolModel(const Model& model, const std::string& path,
   return {{std::move(loaded.scene), std::move(loaded.reconstruction)}, {}};
 }
 
-ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
+ModelFile ReadModelFile(const std::string& path, const ModelRigOptions& rigs,
                         const Context& context) {
-  ToolModel model = MakeToolModel(ReadModel(path), path, rigs, context);
+  ModelFile model = MakeModelFile(ReadModel(path), path, rigs, context);
   model.origin_wgs84 = ReadGeoOrigin(path);
   return model;
 }
 
-void WriteToolModel(const ToolModel& model, ModelFormat format,
-                    const Context& context, StagedOutput* output) {
-  const std::filesystem::path folder = output->StagingDir();
-  const Scene& scene = model.model.scene;
-  const Reconstruction& reconstruction = model.model.reconstruction;
+void WriteModelAndRig(const std::filesystem::path& folder, const Scene& scene,
+                      const Reconstruction& reconstruction, ModelFormat format,
+                      const Context& context) {
   WriteModel(folder, scene, reconstruction, format, context);
   WriteRigConfig((folder / "rig_config.json").string(), scene, reconstruction);
+}
+
+void WriteModelFile(const ModelFile& model, ModelFormat format,
+                    const Context& context, StagedOutput* output) {
+  const std::filesystem::path folder = output->StagingDir();
+  WriteModelAndRig(folder, model.model.scene, model.model.reconstruction,
+                   format, context);
   if (model.origin_wgs84) {
     WriteGeoOrigin((folder / "geo_origin.json").string(), *model.origin_wgs84);
   }
   context.CheckInterrupted();
   output->Commit();
+}
+
+std::string EditModel(const ModelEditOptions& options, const Context& context,
+                      const std::function<void(ModelFile*)>& edit) {
+  StagedOutput output(*options.output_path, OutputKind::kModel);
+  ModelFile model = ReadModelFile(options.input_path, options.rigs, context);
+  CheckFormat(model.model.scene, options.output_format);
+  edit(&model);
+  WriteModelFile(model, options.output_format, context, &output);
+  return DescribeSize(model.model);
 }
 
 std::string DescribeSize(const SceneModel& model) {

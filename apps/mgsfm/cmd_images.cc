@@ -1,0 +1,351 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "cmd_images.h"
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include "base/file_reading.h"
+#include "base/format.h"
+#include "base/text.h"
+#include "command.h"
+#include "commands.h"
+#include "features/image_file.h"
+#include "files/file_operations.h"
+#include "imaging/image_splitting.h"
+#include "mapper_run.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/database/feature_database.h"
+#include "mgsfm/features/feature_extraction.h"
+#include "mgsfm/features/feature_import.h"
+#include "models/rig_configuration.h"
+#include "rigs/image_times.h"
+
+namespace mgsfm {
+namespace {
+
+void LogSummary(const FeatureExtractionSummary& summary,
+                const Context& context) {
+  const std::string rate =
+      Formatted(" in %.1f s, %.3g images/s", summary.seconds,
+                static_cast<double>(summary.num_extracted) /
+                    std::max(summary.seconds, 1e-9));
+  context.Info(std::to_string(summary.num_features) + " features of " +
+               std::to_string(summary.num_extracted) + " images" + rate + "; " +
+               std::to_string(summary.num_present) +
+               " images already had features, " +
+               std::to_string(summary.num_rejected) + " were rejected");
+}
+
+}  // namespace
+
+void ExtractInto(const std::string& database_path,
+                 const std::string& image_path,
+                 const FeatureExtractionOptions& options,
+                 const std::optional<Share>& share, const Context& context) {
+  const bool is_new = !std::filesystem::exists(database_path);
+  std::optional<FeatureDatabase> database(std::in_place, database_path,
+                                          FeatureDatabase::OpenMode::kOrCreate);
+  try {
+    LogSummary(share
+                   ? ExtractFeatureShard(image_path, options, *share,
+                                         &*database, context)
+                   : ExtractFeatures(image_path, options, &*database, context),
+               context);
+  } catch (const Error&) {
+    // A failed run leaves no empty database.
+    const bool is_empty =
+        is_new && database->ReadStructure(context).images.empty();
+    database.reset();
+    std::error_code ignored;
+    if (is_empty) std::filesystem::remove(database_path, ignored);
+    throw;
+  }
+}
+
+void SampleVideosInto(const std::filesystem::path& output_path,
+                      const std::string& video_paths,
+                      const VideoSamplingOptions& options,
+                      const Context& context) {
+  const VideoSamplingSummary summary =
+      SampleVideos(SplitVideoPaths(video_paths), output_path, options, context);
+  const std::string seconds = Formatted("%.1f s", summary.seconds);
+  context.Info("extracted " + std::to_string(summary.num_written) +
+               " images of " + std::to_string(summary.num_frames) +
+               " frames in " + seconds + "; " +
+               std::to_string(summary.num_present) + " were already there");
+  context.Info("images are in " + (output_path / "images").string() +
+               ", their times in " + (output_path / "timestamps.txt").string());
+}
+
+std::string Describe(const ImageRunSummary& summary) {
+  const std::string rate =
+      Formatted(" images in %.1f s, %.3g images/s; ", summary.seconds,
+                static_cast<double>(summary.num_written) /
+                    std::max(summary.seconds, 1e-9));
+  return std::to_string(summary.num_written) + rate +
+         std::to_string(summary.num_present) + " were already there";
+}
+
+void UseExifTimes(const std::string& image_path,
+                  const std::vector<std::string>& names,
+                  const std::filesystem::path& output_path,
+                  const Context& context, SceneLoadingOptions* loading) {
+  const bool names_suffice = std::all_of(
+      names.begin(), names.end(),
+      [](const std::string& name) { return TimeInName(name).has_value(); });
+  if (!loading->PairsFramesByTime() ||
+      !loading->image_timestamps_path->empty() || names_suffice) {
+    return;
+  }
+  std::string lines = "# image_name SECONDS, of EXIF tags\n";
+  for (const std::string& name : names) {
+    context.CheckInterrupted();
+    const std::string path =
+        (std::filesystem::path(image_path) / name).string();
+    const auto time_s = ReadTags(ReadImageFile(path), 1, 1).time_s;
+    if (!time_s) {
+      throw Error("image '" + path +
+                  "' has no time in its name or EXIF tags; list the times of "
+                  "all images in a file and set image_timestamps_path");
+    }
+    lines +=
+        name + ' ' + FormatDouble(*time_s, std::chars_format::fixed, 6) + '\n';
+  }
+  std::error_code ignored;
+  if (std::filesystem::exists(output_path, ignored) &&
+      ReadFile(output_path) != lines) {
+    throw Error("'" + output_path.string() +
+                "' exists, but does not hold the times of the EXIF tags; set "
+                "image_timestamps_path to use it, or remove it");
+  }
+  ReplaceFile(output_path, lines);
+  context.Info("the times of EXIF tags are in " + output_path.string());
+  loading->image_timestamps_path = output_path.string();
+}
+
+namespace {
+
+struct FeatureExtractorOptions {
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "Add features to this COLMAP database, which is created if missing. "
+      "Images that have features there are skipped."};
+  Option<std::string> image_path{
+      "image_path", "", Required(),
+      "Read the images of this folder and its subfolders."};
+  Option<std::string> shard{
+      "shard", "",
+      "Extract share i of n, as in 3/8, into a database of its own, which "
+      "database_merger joins with the others. Set it to use several processes "
+      "or machines."};
+  FeatureExtractionOptions extraction;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, image_path, shard, extraction);
+  }
+};
+
+int RunFeatureExtractor(const FeatureExtractorOptions& options,
+                        const Context& context) {
+  std::optional<Share> share;
+  if (!options.shard->empty()) share = ParseShare(options.shard);
+  ExtractInto(options.database_path, options.image_path, options.extraction,
+              share, context);
+  return kExitSuccess;
+}
+
+struct FeatureImporterOptions {
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "Add features to this COLMAP database, which is created if missing."};
+  FeatureImportOptions import;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, import);
+  }
+};
+
+int RunFeatureImporter(const FeatureImporterOptions& options,
+                       const Context& context) {
+  FeatureDatabase database(options.database_path,
+                           FeatureDatabase::OpenMode::kOrCreate);
+  const FeatureImportSummary summary =
+      ImportFeatures(options.import, &database, context);
+  context.Info(std::to_string(summary.num_features) + " features of " +
+               std::to_string(summary.num_images - summary.num_present) +
+               " images, " + std::to_string(summary.num_present) +
+               " images already had features; " +
+               std::to_string(summary.num_matches) + " matches of " +
+               std::to_string(summary.num_pairs) + " pairs");
+  context.Info("next: verify the matches with geometric_verifier");
+  return kExitSuccess;
+}
+
+struct VideoSamplerOptions {
+  Option<std::string> video_path{
+      "video_path", "", Required(),
+      "Sample these videos, one per camera of the rig, separated by blanks or "
+      "commas. The first one decides which frames are sampled."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Write images/VIDEO/TIME.jpg and timestamps.txt into this folder. Images "
+      "of an interrupted run with the same settings are kept."};
+  VideoSamplingOptions sampling;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(video_path, output_path, sampling);
+  }
+};
+
+int RunVideoSampler(const VideoSamplerOptions& options,
+                    const Context& context) {
+  SampleVideosInto(*options.output_path, options.video_path, options.sampling,
+                   context);
+  return kExitSuccess;
+}
+
+struct ImageSplitterOptions {
+  Option<std::string> image_path{
+      "image_path", "", Required(),
+      "Read the images of this folder and its subfolders."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Write images and, for panoramas, cameras.txt and rig_config.json into "
+      "this folder. Images of an interrupted run with the same settings are "
+      "kept."};
+  Option<CombinedImages> image_type{
+      "image_type", CombinedImages::kPanorama,
+      "Choose the kind of images. panorama: equirectangular images, split into "
+      "six perspective views. dual_fisheye: two square fisheye images side by "
+      "side, split into left and right."};
+  Option<std::string> image_list_path{
+      "image_list_path", "",
+      "Use only the images that this file names, one per line, relative to the "
+      "image folder. By default, all images of the folder are used."};
+  Option<std::string> mask_path{"mask_path", "",
+                                "Split the masks in this folder, too, such as "
+                                "pano/a.jpg.png for pano/a.jpg."};
+  Option<std::string> camera_params_path{
+      "camera_params_path", "",
+      "Read the intrinsics of ordinary cameras beside the panoramas from this "
+      "file, in the format of ImageReader.camera_params_path."};
+  Option<std::string> rig_config_path{
+      "rig_config_path", "",
+      "Read the known poses of the folders of panoramas, and of ordinary "
+      "cameras, in their rig from this rig_config.json. Without it, the poses "
+      "of the views of all but the first panorama are estimated."};
+  SplittingOptions splitting;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(image_path, output_path, image_type, image_list_path, mask_path,
+          camera_params_path, rig_config_path, splitting);
+  }
+};
+
+int RunImageSplitter(const ImageSplitterOptions& options,
+                     const Context& context) {
+  CheckImagePath(options.image_path);
+  const ImageRunSummary summary =
+      SplitImages({*options.image_path,
+                   ListImages(options.image_path, options.image_list_path),
+                   *options.mask_path, *options.camera_params_path,
+                   *options.output_path, *options.rig_config_path},
+                  options.image_type, options.splitting, context);
+  context.Info("split " + Describe(summary));
+  return kExitSuccess;
+}
+
+struct RigConfiguratorOptions {
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "Replace the rigs and frames of this COLMAP database; its features and "
+      "matches stay."};
+  Option<std::string> image_path{
+      "image_path", "",
+      "Read the EXIF times of the images in this folder if "
+      "frame_max_time_difference_s needs them and a name has none, and write "
+      "them to timestamps.txt beside the database."};
+  SceneLoadingOptions rigs;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, image_path, rigs);
+  }
+};
+
+// The rigs with times from the EXIF tags of images, if they are needed.
+SceneLoadingOptions WithExifTimes(const RigConfiguratorOptions& options,
+                                  const FeatureDatabase& database,
+                                  const Context& context) {
+  SceneLoadingOptions rigs = options.rigs;
+  if (options.image_path->empty()) return rigs;
+  CheckImagePath(options.image_path);
+  std::vector<std::string> names;
+  for (const ImageRow& image : database.ReadStructure(context).images) {
+    names.push_back(image.name);
+  }
+  const std::filesystem::path path = *options.database_path;
+  UseExifTimes(options.image_path, names, path.parent_path() / "timestamps.txt",
+               context, &rigs);
+  return rigs;
+}
+
+int RunRigConfigurator(const RigConfiguratorOptions& options,
+                       const Context& context) {
+  FeatureDatabase database(options.database_path,
+                           FeatureDatabase::OpenMode::kExisting);
+  const RigConfigurationSummary summary = ConfigureRigs(
+      WithExifTimes(options, database, context), &database, context);
+  context.Info("rigs from " + summary.rig_source + ": " +
+               std::to_string(summary.num_rigs) + " rigs of " +
+               std::to_string(summary.num_sensors) + " cameras, " +
+               std::to_string(summary.num_frames) + " frames, " +
+               std::to_string(summary.num_images) + " images");
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command FeatureExtractorCommand() {
+  return MakeResumableCommand("feature_extractor",
+                              "Extracts SIFT features from images.",
+                              RunFeatureExtractor);
+}
+
+Command FeatureImporterCommand() {
+  return MakeCommand(
+      "feature_importer",
+      "Imports features and matches of other programs, in hloc's format.",
+      RunFeatureImporter);
+}
+
+Command VideoSamplerCommand() {
+  return MakeResumableCommand(
+      "video_sampler",
+      "Extracts images of videos, one video per camera of a rig.",
+      RunVideoSampler);
+}
+
+Command ImageSplitterCommand() {
+  return MakeResumableCommand(
+      "image_splitter",
+      "Splits panoramas and dual fisheye images into the images of rigs.",
+      RunImageSplitter);
+}
+
+Command RigConfiguratorCommand() {
+  return MakeCommand("rig_configurator",
+                     "Writes rigs and frames to a database.",
+                     RunRigConfigurator);
+}
+
+}  // namespace mgsfm
