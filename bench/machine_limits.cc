@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "mgsfm/base/timer.h"
-#include "rig_solver/chunk_passes.h"
+#include "rig_solver/schur_passes.h"
 
 namespace mgsfm {
 namespace {

@@ -54,7 +54,7 @@ class LinearTermOfBlocks {
     }
   }
 
-  void AddTo(ChunkWorkspace* w) const {
+  void AddTo(SchurWorkspace* w) const {
     // Else the preconditioner does without: parts of a term may be indefinite.
     const bool is_whole = AllPairsAreIn(*w);
     for (int a = 0; a < num_blocks_; ++a) {
@@ -74,7 +74,7 @@ class LinearTermOfBlocks {
 
   void MultiplyTo(const std::vector<ImagePose>& poses,
                   const std::vector<ImageTwist>& twists,
-                  ChunkWorkspace* w) const {
+                  SchurWorkspace* w) const {
     const Vector3d force =
         residual_.by_baseline.transpose() *
         (residual_.by_baseline * ChangeOfBaseline(poses, twists));
@@ -98,7 +98,7 @@ class LinearTermOfBlocks {
     }
     return change;
   }
-  bool AllPairsAreIn(const ChunkWorkspace& w) const {
+  bool AllPairsAreIn(const SchurWorkspace& w) const {
     for (int a = 0; a < num_blocks_; ++a) {
       for (int b = 0; b < num_blocks_; ++b) {
         if (blocks_[b] <= blocks_[a] && !w.HasPair(blocks_[a], blocks_[b])) {
@@ -165,7 +165,7 @@ double CostOfTerms(const TermInput& in, const ChunkRanges& chunk) {
 }
 
 void AddTermsToSystem(const TermInput& in, const ChunkRanges& chunk,
-                      ChunkWorkspace* workspace) {
+                      SchurWorkspace* workspace) {
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
     LinearTermOfBlocks(in, chunk, t).AddTo(workspace);
   }
@@ -173,7 +173,7 @@ void AddTermsToSystem(const TermInput& in, const ChunkRanges& chunk,
 
 void MultiplyTerms(const TermInput& in, const ChunkRanges& chunk,
                    const std::vector<ImageTwist>& twists,
-                   ChunkWorkspace* workspace) {
+                   SchurWorkspace* workspace) {
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
     LinearTermOfBlocks(in, chunk, t).MultiplyTo(in.poses, twists, workspace);
   }

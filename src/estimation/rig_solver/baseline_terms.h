@@ -4,10 +4,10 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "rig_solver/chunk_workspace.h"
 #include "rig_solver/image_poses.h"
 #include "rig_solver/rig_problem.h"
 #include "rig_solver/rig_structure.h"
+#include "rig_solver/schur_workspace.h"
 
 namespace mgsfm {
 
@@ -32,11 +32,11 @@ struct TermInput {
 // The terms of a chunk: their cost, and their contribution to the local system.
 double CostOfTerms(const TermInput& in, const ChunkRanges& chunk);
 void AddTermsToSystem(const TermInput& in, const ChunkRanges& chunk,
-                      ChunkWorkspace* workspace);
+                      SchurWorkspace* workspace);
 // Adds their J^T W J times the images' changes to workspace->product; only
 // shifts count.
 void MultiplyTerms(const TermInput& in, const ChunkRanges& chunk,
                    const std::vector<ImageTwist>& twists,
-                   ChunkWorkspace* workspace);
+                   SchurWorkspace* workspace);
 
 }  // namespace mgsfm

@@ -13,10 +13,10 @@
 #include "geometry/so3.h"
 #include "rig_solver/baseline_terms.h"
 #include "rig_solver/ceres_manifolds.h"
-#include "rig_solver/chunk_kernels.h"
 #include "rig_solver/image_poses.h"
 #include "rig_solver/pose_priors.h"
 #include "rig_solver/residuals.h"
+#include "rig_solver/schur_kernels.h"
 
 // The residuals of a rig problem as Ceres wants them: with the derivatives of
 // the native solver.

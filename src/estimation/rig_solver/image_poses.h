@@ -10,7 +10,7 @@ namespace mgsfm {
 
 // The pose and the camera of an image, prepared for many observations. The
 // point p in the camera frame is x = y + t, y = S R (p - c). Matrices are
-// row-major plain arrays, so that the compiler vectorises the kernels.
+// row-major plain arrays, so that the compiler vectorizes the kernels.
 struct ImagePose {
   double cam_from_world[9];        // S R
   double sensor_from_rig[9];       // S; unset if the problem fixes S R

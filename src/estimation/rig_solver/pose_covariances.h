@@ -24,7 +24,7 @@ struct PoseCovariances {
 };
 
 // The diagonal blocks of (J^T W J)^-1 at a minimum, with points and intrinsics
-// marginalised: blocks of the inverse of the reduced matrix. The problem must
+// marginalized: blocks of the inverse of the Schur complement. The problem must
 // fix the gauge. The diagonal is increased by a factor of 1 + 1e-12, so
 // directions without residuals get huge variances. nullopt if a derivative is
 // not finite or the factorization fails. Cost: one factorization, and six

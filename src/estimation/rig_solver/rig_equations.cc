@@ -19,8 +19,8 @@ namespace {
 // Inexact steps converge almost as fast as exact ones. A step takes 17 products
 // on average (docs/results/constants.md).
 constexpr double kConjugateGradientTolerance = 1e-2;
-// Sections of the values of the reduced matrix; chunks are merged into several
-// at a time. Enough for some tens of threads.
+// Sections of the values of the Schur complement; chunks are merged into
+// several at a time. Enough for some tens of threads.
 constexpr size_t kNumSections = 32;
 
 // The part of a pose block of z; zero if the block is constant.
@@ -120,14 +120,14 @@ bool RigEquationsBase::Linearize(double lambda) {
   std::atomic<bool> is_valid{true};
   chunks_.Run(
       kNumSections,
-      [&](size_t c, ChunkWorkspace* workspace) {
+      [&](size_t c, SchurWorkspace* workspace) {
         const ChunkRanges& chunk = structure_.chunks[c];
         workspace->Start(problem_, structure_, chunk, poses_);
         if (!LinearizeChunk(chunk, workspace)) is_valid = false;
         AddImagesToSystem(problem_, structure_, chunk, poses_, workspace);
         AddTermsToSystem(Terms(), chunk, workspace);
       },
-      [&](size_t c, size_t section, ChunkWorkspace* workspace) {
+      [&](size_t c, size_t section, SchurWorkspace* workspace) {
         MergeSystem(structure_.chunks[c], section, *workspace);
         if (section == 0) MergeVectors(structure_.chunks[c], *workspace);
       });
@@ -142,7 +142,7 @@ bool RigEquationsBase::Linearize(double lambda) {
 // A section consists of the pairs that begin in one part of the values; pairs
 // are in ascending order.
 void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
-                                   const ChunkWorkspace& w) {
+                                   const SchurWorkspace& w) {
   const size_t num_values = matrix_.num_values();
   const auto first = structure_.chunk_pairs.begin() + chunk.pairs.begin;
   const auto last = structure_.chunk_pairs.begin() + chunk.pairs.end;
@@ -166,7 +166,7 @@ void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
 }
 
 void RigEquationsBase::MergeVectors(const ChunkRanges& chunk,
-                                    const ChunkWorkspace& w) {
+                                    const SchurWorkspace& w) {
   for (size_t b = 0; b < chunk.blocks.size(); ++b) {
     const int block = structure_.chunk_blocks[chunk.blocks.begin + b];
     const int to = structure_.block_first[block];
@@ -220,14 +220,14 @@ void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
   }
   chunks_.Run(
       1,
-      [&](size_t c, ChunkWorkspace* workspace) {
+      [&](size_t c, SchurWorkspace* workspace) {
         const ChunkRanges& chunk = structure_.chunks[c];
         workspace->StartVectors(problem_, structure_, chunk, poses_);
         MultiplyChunk(chunk, workspace);
         AddImageVectors(problem_, structure_, chunk, poses_, workspace);
         MultiplyTerms(Terms(), chunk, steps_.twists, workspace);
       },
-      [&](size_t c, size_t, ChunkWorkspace* workspace) {
+      [&](size_t c, size_t, SchurWorkspace* workspace) {
         const IndexRange& blocks = structure_.chunks[c].blocks;
         for (size_t b = 0; b < blocks.size(); ++b) {
           const int block = structure_.chunk_blocks[blocks.begin + b];

@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "rig_solver/baseline_terms.h"
-#include "rig_solver/chunk_passes.h"
-#include "rig_solver/chunk_workspace.h"
 #include "rig_solver/levenberg_marquardt.h"
-#include "rig_solver/reduced_matrix.h"
 #include "rig_solver/rig_problem.h"
 #include "rig_solver/rig_structure.h"
+#include "rig_solver/schur_complement.h"
+#include "rig_solver/schur_passes.h"
+#include "rig_solver/schur_workspace.h"
 
 namespace mgsfm {
 
@@ -31,7 +31,7 @@ namespace mgsfm {
 // One pass over the observations linearizes and eliminates. A second one steps
 // (with shortened steps of single points, see rig_solver.h) and evaluates the
 // new cost. Both compute the derivatives, which is faster than storing them; V
-// and W are never stored. The reduced matrix is factorized. If that is too
+// and W are never stored. The Schur complement is factorized. If that is too
 // expensive, the matrix is applied without being formed, and that of cut points
 // is the preconditioner (docs/maths/rig_solver.md).
 class RigEquationsBase : public DampedProblem {
@@ -68,13 +68,13 @@ class RigEquationsBase : public DampedProblem {
   }
 
  protected:
-  // The passes over one chunk; see chunk_passes.h.
+  // The passes over one chunk; see schur_passes.h.
   virtual double CostOfChunk(const ChunkRanges& chunk) const = 0;
   virtual bool LinearizeChunk(const ChunkRanges& chunk,
-                              ChunkWorkspace* workspace) = 0;
+                              SchurWorkspace* workspace) = 0;
   virtual StepSums StepChunk(const ChunkRanges& chunk) = 0;
   virtual void MultiplyChunk(const ChunkRanges& chunk,
-                             ChunkWorkspace* workspace) = 0;
+                             SchurWorkspace* workspace) = 0;
 
   const RigProblemBase& problem_;
   const Context context_;
@@ -86,8 +86,8 @@ class RigEquationsBase : public DampedProblem {
 
  private:
   void MergeSystem(const ChunkRanges& chunk, size_t section,
-                   const ChunkWorkspace& workspace);
-  void MergeVectors(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
+                   const SchurWorkspace& workspace);
+  void MergeVectors(const ChunkRanges& chunk, const SchurWorkspace& workspace);
   void DampMatrix();
   bool SolveByConjugateGradients();
   void Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y);
@@ -100,7 +100,7 @@ class RigEquationsBase : public DampedProblem {
   OrderedChunks chunks_;
   std::vector<double> chunk_costs_;
   std::vector<StepSums> chunk_sums_;
-  ReducedMatrix matrix_;
+  SchurComplement matrix_;
   Eigen::VectorXd gradient_;    // g_z
   Eigen::VectorXd correction_;  // W^T V^-1 g_p
   Eigen::VectorXd diagonal_;    // D_z without bounds, 0 if constant
@@ -121,10 +121,10 @@ class RigEquations : public RigEquationsBase {
  protected:
   double CostOfChunk(const ChunkRanges& chunk) const override;
   bool LinearizeChunk(const ChunkRanges& chunk,
-                      ChunkWorkspace* workspace) override;
+                      SchurWorkspace* workspace) override;
   StepSums StepChunk(const ChunkRanges& chunk) override;
   void MultiplyChunk(const ChunkRanges& chunk,
-                     ChunkWorkspace* workspace) override;
+                     SchurWorkspace* workspace) override;
 
  private:
   PassInput<R> Input() const {

@@ -3,9 +3,9 @@
 #include <cstdint>
 
 #include "base/cpu_features.h"
-#include "rig_solver/chunk_passes.h"
 #include "rig_solver/residuals.h"
 #include "rig_solver/rig_equations.h"
+#include "rig_solver/schur_passes.h"
 
 namespace mgsfm {
 namespace {
@@ -52,7 +52,7 @@ double RigEquations<R>::CostOfChunk(const ChunkRanges& chunk) const {
 
 template <class R>
 bool RigEquations<R>::LinearizeChunk(const ChunkRanges& chunk,
-                                     ChunkWorkspace* workspace) {
+                                     SchurWorkspace* workspace) {
   const auto function =
       structure_.pose_size == 6
           ? (HasAvx2() ? LinearizeChunkAvx2<R, 6> : LinearizeChunkAny<R, 6>)
@@ -68,7 +68,7 @@ StepSums RigEquations<R>::StepChunk(const ChunkRanges& chunk) {
 
 template <class R>
 void RigEquations<R>::MultiplyChunk(const ChunkRanges& chunk,
-                                    ChunkWorkspace* workspace) {
+                                    SchurWorkspace* workspace) {
   const auto function =
       structure_.pose_size == 6
           ? (HasAvx2() ? MultiplyChunkAvx2<R, 6> : MultiplyChunkAny<R, 6>)

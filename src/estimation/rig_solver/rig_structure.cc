@@ -12,7 +12,7 @@
 #include "mgsfm/base/mask.h"
 #include "rig_solver/chunk_builder.h"
 #include "rig_solver/chunk_groups.h"
-#include "rig_solver/point_cutter.h"
+#include "rig_solver/preconditioner_pattern.h"
 
 namespace mgsfm {
 namespace {
@@ -209,7 +209,7 @@ void ForEachPairOfTerms(const RigProblemBase& problem, const RigStructure& s,
   }
 }
 
-// All pairs of blocks in the reduced matrix, sorted.
+// All pairs of blocks in the Schur complement, sorted.
 Pairs UnitePairs(const RigProblemBase& problem, const RigStructure& s,
                  const Mask& is_border,
                  const std::vector<Pairs>& pairs_of_chunks) {
@@ -293,7 +293,7 @@ Pairs InseparablePairs(const RigProblemBase& problem, const RigStructure& s,
   return pairs;
 }
 
-// The reduced matrix before the blocks are placed.
+// The Schur complement before the blocks are placed.
 struct ReducedGraph {
   std::vector<Pairs> pairs_of_chunks;
   Pairs pairs;
@@ -315,8 +315,9 @@ ReducedGraph MakePreconditionerGraph(const RigProblemBase& problem,
                                      const Mask& is_border,
                                      size_t num_observations, int num_threads,
                                      RigStructure* s) {
-  PointCutter cutter(problem.points_are_free, is_border,
-                     InseparablePairs(problem, *s, is_border), num_threads, s);
+  PointPartitioner cutter(problem.points_are_free, is_border,
+                          InseparablePairs(problem, *s, is_border), num_threads,
+                          s);
   // Each block has so many in the first preconditioner that is tried, and half
   // as many each time its factor is too large.
   for (int num_kept = 64;; num_kept /= 2) {

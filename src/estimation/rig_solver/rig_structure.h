@@ -40,10 +40,10 @@ struct ChunkImage {
   int camera = kNoBlock;
 };
 
-// A nonzero block of the reduced matrix: two blocks of unknowns of a chunk, row
-// not before column in the elimination order. Column k of the block starts at
-// position + k * stride in the values of the matrix.
-// There can be millions of them.
+// A nonzero block of the Schur complement: two blocks of unknowns of a chunk,
+// row not before column in the elimination order. Column k of the block starts
+// at position + k * stride in the values of the matrix. There can be millions
+// of them.
 struct ChunkPair {
   uint16_t row = 0;
   uint16_t column = 0;
@@ -81,7 +81,7 @@ struct RigStructure {
   // Whether some coordinates of a pose block are constant.
   Mask block_is_masked;
 
-  // The pattern of the reduced matrix. If the solver is iterative: of the
+  // The pattern of the Schur complement. If the solver is iterative: of the
   // preconditioner, whose points are cut into parts and which lacks some terms.
   bool is_iterative = false;
   BlockPattern pattern;

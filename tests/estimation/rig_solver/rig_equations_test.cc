@@ -13,7 +13,7 @@
 #include "estimation/rig_solver/dense_equations.h"
 #include "estimation/rig_solver/rig_fixtures.h"
 #include "rig_solver/baseline_terms.h"
-#include "rig_solver/chunk_kernels.h"
+#include "rig_solver/schur_kernels.h"
 
 namespace mgsfm {
 namespace {

@@ -21,7 +21,7 @@ constexpr int kCouplingSize = 3 * kMaxNumCameraParams;
 // kernels.
 constexpr int kNoPair = -1;
 
-// An observation in a product with the reduced matrix, or of a cut point: its
+// An observation in a product with the Schur complement, or of a cut point: its
 // derivatives, J by the point, and the change u of its residual. Rows have
 // their own length.
 struct ProductTerms {
@@ -35,8 +35,8 @@ struct ProductTerms {
 
 // The local system of one chunk, with temporaries for its points. Blocks are
 // those of the chunk. Symmetric matrices are stored completely, column-major.
-struct ChunkWorkspace {
-  explicit ChunkWorkspace(const RigStructure& structure);
+struct SchurWorkspace {
+  explicit SchurWorkspace(const RigStructure& structure);
 
   // Sets the blocks and images of a chunk and clears vectors. Sufficient for
   // products with a vector.
@@ -90,13 +90,13 @@ constexpr int kMaxNumImageColumns = 6 + kMaxNumCameraParams;
 void AddImagesToSystem(const RigProblemBase& problem,
                        const RigStructure& structure, const ChunkRanges& chunk,
                        const std::vector<ImagePose>& poses,
-                       ChunkWorkspace* workspace);
+                       SchurWorkspace* workspace);
 
 // Adds the vectors of images to workspace->product.
 void AddImageVectors(const RigProblemBase& problem,
                      const RigStructure& structure, const ChunkRanges& chunk,
                      const std::vector<ImagePose>& poses,
-                     ChunkWorkspace* workspace);
+                     SchurWorkspace* workspace);
 
 // Processes chunks in parallel and merges them in order, so that sums do not
 // depend on the number of threads. Keeps one workspace per thread.
@@ -112,15 +112,15 @@ class OrderedChunks {
   void Run(size_t num_sections, const Compute& compute, const Merge& merge);
 
  private:
-  ChunkWorkspace* Take();
-  void PutBack(ChunkWorkspace* workspace);
+  SchurWorkspace* Take();
+  void PutBack(SchurWorkspace* workspace);
   void WaitForTurn(size_t chunk, size_t section);
   void FinishTurn(size_t section);
 
   const size_t num_chunks_;
   const int num_threads_;
-  std::vector<ChunkWorkspace> workspaces_;
-  std::vector<ChunkWorkspace*> free_;
+  std::vector<SchurWorkspace> workspaces_;
+  std::vector<SchurWorkspace*> free_;
   std::mutex mutex_;
   std::condition_variable next_chunk_changed_;
   std::vector<size_t> next_chunk_;  // per section
@@ -133,7 +133,7 @@ void OrderedChunks::Run(size_t num_sections, const Compute& compute,
   ParallelFor(
       num_chunks_, num_threads_,
       [&](size_t chunk) {
-        ChunkWorkspace* workspace = Take();
+        SchurWorkspace* workspace = Take();
         compute(chunk, workspace);
         for (size_t section = 0; section < num_sections; ++section) {
           WaitForTurn(chunk, section);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rig_solver/point_cutter.h"
+#include "rig_solver/preconditioner_pattern.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -14,8 +14,8 @@
 
 namespace mgsfm {
 
-StrongPairs::StrongPairs(const std::vector<WeightedPair>& pairs, int num_blocks,
-                         int num_kept)
+PreconditionerPattern::PreconditionerPattern(
+    const std::vector<WeightedPair>& pairs, int num_blocks, int num_kept)
     : neighbors_(num_blocks) {
   struct Neighbor {
     int block;
@@ -49,7 +49,7 @@ StrongPairs::StrongPairs(const std::vector<WeightedPair>& pairs, int num_blocks,
   }
 }
 
-bool StrongPairs::Contains(int a, int b) const {
+bool PreconditionerPattern::Contains(int a, int b) const {
   return a == b ||
          std::binary_search(neighbors_[a].begin(), neighbors_[a].end(), b);
 }
@@ -91,9 +91,10 @@ void AddWeights(std::vector<WeightedPair>* added,
 
 }  // namespace
 
-PointCutter::PointCutter(bool points_are_free, const Mask& block_is_border,
-                         const std::vector<BlockPairKey>& inseparable,
-                         int num_threads, RigStructure* structure)
+PointPartitioner::PointPartitioner(bool points_are_free,
+                                   const Mask& block_is_border,
+                                   const std::vector<BlockPairKey>& inseparable,
+                                   int num_threads, RigStructure* structure)
     : points_are_free_(points_are_free),
       block_is_border_(block_is_border),
       num_threads_(num_threads),
@@ -102,7 +103,7 @@ PointCutter::PointCutter(bool points_are_free, const Mask& block_is_border,
 }
 
 // The number of groups that two blocks share. Ignores border blocks.
-std::vector<WeightedPair> PointCutter::WeightsOfChunk(
+std::vector<WeightedPair> PointPartitioner::WeightsOfChunk(
     const ChunkRanges& chunk) const {
   const size_t num_blocks = chunk.blocks.size();
   const int* blocks = s_.chunk_blocks.data() + chunk.blocks.begin;
@@ -129,7 +130,8 @@ std::vector<WeightedPair> PointCutter::WeightsOfChunk(
 }
 
 // Sums the weights over all chunks.
-void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
+void PointPartitioner::WeighPairs(
+    const std::vector<BlockPairKey>& inseparable) {
   std::vector<WeightedPair> added;
   for (const BlockPairKey pair : inseparable) {
     added.push_back({ColumnOf(pair), RowOf(pair), kInfiniteWeight});
@@ -154,8 +156,8 @@ void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
   weights_.shrink_to_fit();
 }
 
-void PointCutter::Cut(int num_kept) {
-  const StrongPairs strong_pairs(
+void PointPartitioner::Cut(int num_kept) {
+  const PreconditionerPattern pattern(
       weights_, static_cast<int>(s_.block_size.size()), num_kept);
   s_.observation_starts_part.assign(s_.observation_image.size(), false);
   s_.term_is_cut.assign(s_.term_images.size(), false);
@@ -163,10 +165,10 @@ void PointCutter::Cut(int num_kept) {
     const ChunkRanges& chunk = s_.chunks[c];
     for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
       if (!points_are_free_) break;
-      CutPoint(strong_pairs, chunk, s_.point_begin[p], s_.point_begin[p + 1]);
+      CutPoint(pattern, chunk, s_.point_begin[p], s_.point_begin[p + 1]);
     }
     for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
-      s_.term_is_cut[t] = IsCut(strong_pairs, chunk, t);
+      s_.term_is_cut[t] = IsCut(pattern, chunk, t);
     }
   };
   ParallelFor(s_.chunks.size(), num_threads_, cut_chunk, 1);
@@ -174,8 +176,9 @@ void PointCutter::Cut(int num_kept) {
 
 // Adds each observation to the first part whose blocks are all strong pairs
 // with its own.
-void PointCutter::CutPoint(const StrongPairs& strong_pairs,
-                           const ChunkRanges& chunk, size_t begin, size_t end) {
+void PointPartitioner::CutPoint(const PreconditionerPattern& pattern,
+                                const ChunkRanges& chunk, size_t begin,
+                                size_t end) {
   struct Part {
     std::vector<int> blocks;
     std::vector<std::pair<uint32_t, uint16_t>> observations;  // order, image
@@ -193,7 +196,7 @@ void PointCutter::CutPoint(const StrongPairs& strong_pairs,
     const auto fits = [&](const Part& part) {
       return std::all_of(blocks.begin(), blocks.end(), [&](int a) {
         return std::all_of(part.blocks.begin(), part.blocks.end(),
-                           [&](int b) { return IsStrong(strong_pairs, a, b); });
+                           [&](int b) { return IsStrong(pattern, a, b); });
       });
     };
     auto part = std::find_if(parts.begin(), parts.end(), fits);
@@ -212,8 +215,8 @@ void PointCutter::CutPoint(const StrongPairs& strong_pairs,
   }
 }
 
-bool PointCutter::IsCut(const StrongPairs& strong_pairs,
-                        const ChunkRanges& chunk, size_t term) const {
+bool PointPartitioner::IsCut(const PreconditionerPattern& pattern,
+                             const ChunkRanges& chunk, size_t term) const {
   const int* blocks = s_.chunk_blocks.data() + chunk.blocks.begin;
   const ChunkImage& image1 =
       s_.chunk_images[chunk.images.begin + s_.term_images[term][0]];
@@ -222,7 +225,7 @@ bool PointCutter::IsCut(const StrongPairs& strong_pairs,
   for (const int a : {image1.frame, image1.sensor}) {
     for (const int b : {image2.frame, image2.sensor}) {
       if (a == kNoBlock || b == kNoBlock) continue;
-      if (!IsStrong(strong_pairs, blocks[a], blocks[b])) return true;
+      if (!IsStrong(pattern, blocks[a], blocks[b])) return true;
     }
   }
   return false;

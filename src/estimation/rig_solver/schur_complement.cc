@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rig_solver/reduced_matrix.h"
+#include "rig_solver/schur_complement.h"
 
 #include <algorithm>
 
@@ -23,10 +23,10 @@ std::vector<size_t> FindDiagonal(const RigStructure& structure) {
 
 }  // namespace
 
-ReducedMatrix::ReducedMatrix(int num_threads)
+SchurComplement::SchurComplement(int num_threads)
     : num_threads_(num_threads), solver_(num_threads) {}
 
-void ReducedMatrix::Allocate(const RigStructure& structure) {
+void SchurComplement::Allocate(const RigStructure& structure) {
   if (is_allocated_ || structure.num_unknowns == 0) return;
   is_allocated_ = true;
   matrix_ = structure.pattern.MakeMatrix();
@@ -34,7 +34,7 @@ void ReducedMatrix::Allocate(const RigStructure& structure) {
   diagonal_position_ = FindDiagonal(structure);
 }
 
-void ReducedMatrix::SetZero() {
+void SchurComplement::SetZero() {
   constexpr size_t kValuesAtATime = size_t{1} << 16;
   double* const begin = values();
   const size_t size = num_values();

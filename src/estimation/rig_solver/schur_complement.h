@@ -11,11 +11,11 @@
 
 namespace mgsfm {
 
-// The reduced matrix of a rig problem, or its preconditioner, in the pattern of
-// the structure, and its factor.
-class ReducedMatrix {
+// The Schur complement of a rig problem, or its preconditioner, in the pattern
+// of the structure, and its factor.
+class SchurComplement {
  public:
-  explicit ReducedMatrix(int num_threads);
+  explicit SchurComplement(int num_threads);
 
   // Allocates the matrix when first called.
   void Allocate(const RigStructure& structure);

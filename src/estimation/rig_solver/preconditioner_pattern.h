@@ -26,11 +26,11 @@ constexpr int kInfiniteWeight = std::numeric_limits<int>::max();
 // The strongest edges of a graph of blocks: for each block, those to the
 // `num_kept` neighbors with the largest weights, and all of infinite weight.
 // Ties prefer neighbors with a close index. O(n log n) in the pairs.
-class StrongPairs {
+class PreconditionerPattern {
  public:
   // `pairs` are sorted and unique, without diagonal pairs.
-  StrongPairs(const std::vector<WeightedPair>& pairs, int num_blocks,
-              int num_kept);
+  PreconditionerPattern(const std::vector<WeightedPair>& pairs, int num_blocks,
+                        int num_kept);
 
   // Whether two blocks are the same or a strong pair. O(log num_kept).
   bool Contains(int a, int b) const;
@@ -40,34 +40,33 @@ class StrongPairs {
 };
 
 // Cuts points into parts, each observed only by images that share many points.
-// The reduced matrix of the parts has few blocks and is cheap to factorize; it
-// is the preconditioner of the iterative solver (docs/maths/rig_solver.md).
+// The Schur complement of the parts has few blocks and is cheap to factorize;
+// it is the preconditioner of the iterative solver (docs/maths/rig_solver.md).
 // Terms of two images are cut likewise. Border blocks are in all parts.
-class PointCutter {
+class PointPartitioner {
  public:
   // Counts the points and terms that two blocks share. `structure` must have
   // chunks without cuts, and outlive the cutter. `inseparable` are pairs that
   // no cut may separate, sorted and unique. Linear in the observations and in
   // the pairs of blocks of chunks.
-  PointCutter(bool points_are_free, const Mask& block_is_border,
-              const std::vector<BlockPairKey>& inseparable, int num_threads,
-              RigStructure* structure);
+  PointPartitioner(bool points_are_free, const Mask& block_is_border,
+                   const std::vector<BlockPairKey>& inseparable,
+                   int num_threads, RigStructure* structure);
 
   // Cuts such that all blocks of a part are strong pairs of `num_kept`
-  // neighbors (strong_pairs.h). Sets observation_starts_part and term_is_cut,
+  // neighbors. Sets observation_starts_part and term_is_cut,
   // and sorts the observations of points by part.
   void Cut(int num_kept);
 
  private:
   std::vector<WeightedPair> WeightsOfChunk(const ChunkRanges& chunk) const;
   void WeighPairs(const std::vector<BlockPairKey>& inseparable);
-  bool IsStrong(const StrongPairs& strong_pairs, int a, int b) const {
-    return block_is_border_[a] || block_is_border_[b] ||
-           strong_pairs.Contains(a, b);
+  bool IsStrong(const PreconditionerPattern& pattern, int a, int b) const {
+    return block_is_border_[a] || block_is_border_[b] || pattern.Contains(a, b);
   }
-  void CutPoint(const StrongPairs& strong_pairs, const ChunkRanges& chunk,
+  void CutPoint(const PreconditionerPattern& pattern, const ChunkRanges& chunk,
                 size_t begin, size_t end);
-  bool IsCut(const StrongPairs& strong_pairs, const ChunkRanges& chunk,
+  bool IsCut(const PreconditionerPattern& pattern, const ChunkRanges& chunk,
              size_t term) const;
 
   const bool points_are_free_;

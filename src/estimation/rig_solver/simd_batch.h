@@ -7,7 +7,7 @@ namespace mgsfm {
 
 // A vector of N doubles. Uses vector registers explicitly where possible.
 template <int N>
-struct Lanes {
+struct SimdBatch {
   double values[N];
 
   MGSFM_ALWAYS_INLINE void Load(const double* from) {
@@ -19,14 +19,14 @@ struct Lanes {
   MGSFM_ALWAYS_INLINE void Scale(double factor) {
     for (int i = 0; i < N; ++i) values[i] *= factor;
   }
-  MGSFM_ALWAYS_INLINE void AddScaled(const Lanes& other, double factor) {
+  MGSFM_ALWAYS_INLINE void AddScaled(const SimdBatch& other, double factor) {
     for (int i = 0; i < N; ++i) values[i] += other.values[i] * factor;
   }
 };
 
 #if defined(__GNUC__)
 template <>
-struct Lanes<6> {
+struct SimdBatch<6> {
   // For unaligned memory; `using` does not accept these attributes.
   // NOLINTBEGIN(modernize-use-using)
   typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
@@ -47,7 +47,7 @@ struct Lanes<6> {
     four *= factor;
     two *= factor;
   }
-  MGSFM_ALWAYS_INLINE void AddScaled(const Lanes& other, double factor) {
+  MGSFM_ALWAYS_INLINE void AddScaled(const SimdBatch& other, double factor) {
     four += other.four * factor;
     two += other.two * factor;
   }

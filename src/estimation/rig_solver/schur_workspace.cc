@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rig_solver/chunk_workspace.h"
+#include "rig_solver/schur_workspace.h"
 
 #include <algorithm>
 
@@ -43,7 +43,7 @@ class ImageBlocks {
   }
 
   // Adds the products of the columns (size x size) to the local matrix.
-  void AddMatrix(const double* values, int size, ChunkWorkspace* w) const {
+  void AddMatrix(const double* values, int size, SchurWorkspace* w) const {
     const Eigen::Map<const MatrixXd> all(values, size, size);
     const Eigen::Matrix<double, N, N> pose = all.template topLeftCorner<N, N>();
     const int k = size - N;
@@ -71,7 +71,7 @@ class ImageBlocks {
     }
   }
 
-  void AddVector(const double* values, int size, const ChunkWorkspace& w,
+  void AddVector(const double* values, int size, const SchurWorkspace& w,
                  double* sums) const {
     const Eigen::Map<const Eigen::VectorXd> all(values, size);
     const Eigen::Matrix<double, N, 1> pose = all.template head<N>();
@@ -92,7 +92,7 @@ class ImageBlocks {
  private:
   // Adds to the block (row, column) of J^T W J.
   template <class Matrix>
-  void Add(int row, int column, const Matrix& values, ChunkWorkspace* w) const {
+  void Add(int row, int column, const Matrix& values, SchurWorkspace* w) const {
     if (row == column) {
       Eigen::VectorXd::Map(w->diagonal.data() + w->block_first[row],
                            values.rows()) += values.diagonal();
@@ -116,7 +116,7 @@ class ImageBlocks {
 template <int N>
 void AddImages(const RigProblemBase& problem, const RigStructure& structure,
                const ChunkRanges& chunk, const std::vector<ImagePose>& poses,
-               ChunkWorkspace* w) {
+               SchurWorkspace* w) {
   for (size_t i = 0; i < chunk.images.size(); ++i) {
     const int size = w->image_num_columns[i];
     if (size == 0) continue;
@@ -132,7 +132,7 @@ void AddImages(const RigProblemBase& problem, const RigStructure& structure,
 template <int N>
 void AddVectors(const RigProblemBase& problem, const RigStructure& structure,
                 const ChunkRanges& chunk, const std::vector<ImagePose>& poses,
-                ChunkWorkspace* w) {
+                SchurWorkspace* w) {
   for (size_t i = 0; i < chunk.images.size(); ++i) {
     const int size = w->image_num_columns[i];
     if (size == 0) continue;
@@ -160,7 +160,7 @@ size_t MaxNumObservationsOfPoint(const RigStructure& s) {
 
 }  // namespace
 
-ChunkWorkspace::ChunkWorkspace(const RigStructure& s)
+SchurWorkspace::SchurWorkspace(const RigStructure& s)
     : block_size(s.max_num_blocks),
       block_first(s.max_num_blocks),
       block_is_masked(s.max_num_blocks),
@@ -180,7 +180,7 @@ ChunkWorkspace::ChunkWorkspace(const RigStructure& s)
       couplings(kCouplingSize * s.max_num_blocks),
       product_terms(s.is_iterative ? MaxNumObservationsOfPoint(s) : 0) {}
 
-void ChunkWorkspace::StartVectors(const RigProblemBase& problem,
+void SchurWorkspace::StartVectors(const RigProblemBase& problem,
                                   const RigStructure& s,
                                   const ChunkRanges& chunk,
                                   const std::vector<ImagePose>& poses) {
@@ -213,7 +213,7 @@ void ChunkWorkspace::StartVectors(const RigProblemBase& problem,
               kMaxNumImageColumns * chunk.images.size(), 0.0);
 }
 
-void ChunkWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
+void SchurWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
                            const ChunkRanges& chunk,
                            const std::vector<ImagePose>& poses) {
   StartVectors(problem, s, chunk, poses);
@@ -237,7 +237,7 @@ void ChunkWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
 void AddImagesToSystem(const RigProblemBase& problem,
                        const RigStructure& structure, const ChunkRanges& chunk,
                        const std::vector<ImagePose>& poses,
-                       ChunkWorkspace* workspace) {
+                       SchurWorkspace* workspace) {
   if (structure.pose_size == 6) {
     AddImages<6>(problem, structure, chunk, poses, workspace);
   } else {
@@ -248,7 +248,7 @@ void AddImagesToSystem(const RigProblemBase& problem,
 void AddImageVectors(const RigProblemBase& problem,
                      const RigStructure& structure, const ChunkRanges& chunk,
                      const std::vector<ImagePose>& poses,
-                     ChunkWorkspace* workspace) {
+                     SchurWorkspace* workspace) {
   if (structure.pose_size == 6) {
     AddVectors<6>(problem, structure, chunk, poses, workspace);
   } else {
@@ -264,17 +264,17 @@ OrderedChunks::OrderedChunks(const RigStructure& structure, int num_threads)
   for (size_t i = 0; i < num_workspaces; ++i) {
     workspaces_.emplace_back(structure);
   }
-  for (ChunkWorkspace& workspace : workspaces_) free_.push_back(&workspace);
+  for (SchurWorkspace& workspace : workspaces_) free_.push_back(&workspace);
 }
 
-ChunkWorkspace* OrderedChunks::Take() {
+SchurWorkspace* OrderedChunks::Take() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  ChunkWorkspace* workspace = free_.back();
+  SchurWorkspace* workspace = free_.back();
   free_.pop_back();
   return workspace;
 }
 
-void OrderedChunks::PutBack(ChunkWorkspace* workspace) {
+void OrderedChunks::PutBack(SchurWorkspace* workspace) {
   const std::lock_guard<std::mutex> lock(mutex_);
   free_.push_back(workspace);
 }

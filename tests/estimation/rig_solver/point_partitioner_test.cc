@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rig_solver/point_cutter.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,6 +10,7 @@
 
 #include "estimation/rig_solver/rig_fixtures.h"
 #include "mgsfm/base/mask.h"
+#include "rig_solver/preconditioner_pattern.h"
 
 namespace mgsfm {
 namespace {
@@ -34,7 +33,7 @@ struct CutScene {
         structure(scene.problem, ImagesOfObservations(),
                   {ReducedSolver::kDirect}, 1) {
     const Mask no_border(structure.block_size.size(), false);
-    PointCutter(true, no_border, inseparable, 1, &structure).Cut(kNumKept);
+    PointPartitioner(true, no_border, inseparable, 1, &structure).Cut(kNumKept);
   }
 
   std::vector<int> ImagesOfObservations() const {
@@ -54,7 +53,7 @@ struct CutScene {
 
   // Counts shared points and terms, and returns the pairs of each block with
   // the kNumKept others that have the largest counts.
-  std::set<std::pair<int, int>> StrongPairsByCounting() const {
+  std::set<std::pair<int, int>> PreconditionerPatternByCounting() const {
     std::map<std::pair<int, int>, int> count;
     const auto add = [&](const std::set<int>& blocks) {
       for (const int a : blocks) {
@@ -96,10 +95,10 @@ struct CutScene {
   RigStructure structure;
 };
 
-TEST(PointCutterTest, BlocksOfAPartAreStrongPairs) {
+TEST(PointPartitionerTest, BlocksOfAPartAreStrongPairs) {
   const CutScene cut;
   const RigStructure& s = cut.structure;
-  const auto strong = cut.StrongPairsByCounting();
+  const auto strong = cut.PreconditionerPatternByCounting();
   size_t num_components = 0;
   for (const ChunkRanges& chunk : s.chunks) {
     for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
@@ -132,10 +131,10 @@ TEST(PointCutterTest, BlocksOfAPartAreStrongPairs) {
   EXPECT_GT(num_components, cut.scene.problem.num_points() / 2);
 }
 
-TEST(PointCutterTest, TermsAreCutUnlessTheirImagesAreAStrongPair) {
+TEST(PointPartitionerTest, TermsAreCutUnlessTheirImagesAreAStrongPair) {
   const CutScene cut;
   const RigStructure& s = cut.structure;
-  const auto strong = cut.StrongPairsByCounting();
+  const auto strong = cut.PreconditionerPatternByCounting();
   int num_cut = 0;
   ASSERT_EQ(s.term_is_cut.size(), cut.scene.problem.baselines.size());
   for (size_t t = 0; t < s.term_is_cut.size(); ++t) {
@@ -150,7 +149,7 @@ TEST(PointCutterTest, TermsAreCutUnlessTheirImagesAreAStrongPair) {
   EXPECT_GT(num_cut, 0);
 }
 
-TEST(PointCutterTest, InseparablePairsAreNotCut) {
+TEST(PointPartitionerTest, InseparablePairsAreNotCut) {
   const CutScene free;
   const RigStructure& s = free.structure;
   const auto first_cut =

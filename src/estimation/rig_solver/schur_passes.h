@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "base/cpu_features.h"
-#include "rig_solver/chunk_kernels.h"
+#include "rig_solver/schur_kernels.h"
 
 // Passes over the points of a chunk. Each is compiled for generic x86-64 and
 // for AVX2 with FMA; the choice is made at run time.
@@ -41,7 +41,7 @@ template <class R, int N>
 MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
                                             const ChunkRanges& chunk,
                                             KeptDerivatives* kept,
-                                            ChunkWorkspace* w) {
+                                            SchurWorkspace* w) {
   const RigStructure& s = in.structure;
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
     const size_t end = s.point_begin[p + 1];
@@ -67,14 +67,14 @@ MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
 
 template <class R, int N>
 bool LinearizeChunkAny(const PassInput<R>& in, const ChunkRanges& chunk,
-                       KeptDerivatives* kept, ChunkWorkspace* w) {
+                       KeptDerivatives* kept, SchurWorkspace* w) {
   return LinearizeChunkBody<R, N>(in, chunk, kept, w);
 }
 template <class R, int N>
 MGSFM_TARGET_AVX2 bool LinearizeChunkAvx2(const PassInput<R>& in,
                                           const ChunkRanges& chunk,
                                           KeptDerivatives* kept,
-                                          ChunkWorkspace* w) {
+                                          SchurWorkspace* w) {
   return LinearizeChunkBody<R, N>(in, chunk, kept, w);
 }
 
@@ -309,15 +309,15 @@ MGSFM_ALWAYS_INLINE void AddProductToImage(const ProductTerms& o, int num_free,
   }
 }
 
-// Multiplies the reduced matrix, without its damping, with a vector. Per image,
-// the workspace receives the products of its columns with
-// (I - J (V + lambda D)^-1 J^T) times the change of the image.
+// Multiplies the Schur complement, without its damping, with a vector. Per
+// image, the workspace receives the products of its columns with (I - J (V +
+// lambda D)^-1 J^T) times the change of the image.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
                                            KeptDerivatives* kept,
                                            const ImageSteps& steps,
                                            const ChunkRanges& chunk,
-                                           ChunkWorkspace* w) {
+                                           SchurWorkspace* w) {
   constexpr int kDim = R::kDim;
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
@@ -364,7 +364,7 @@ MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
 template <class R, int N>
 void MultiplyChunkAny(const PassInput<R>& in, KeptDerivatives* kept,
                       const ImageSteps& steps, const ChunkRanges& chunk,
-                      ChunkWorkspace* w) {
+                      SchurWorkspace* w) {
   MultiplyChunkBody<R, N>(in, kept, steps, chunk, w);
 }
 template <class R, int N>
@@ -372,7 +372,7 @@ MGSFM_TARGET_AVX2 void MultiplyChunkAvx2(const PassInput<R>& in,
                                          KeptDerivatives* kept,
                                          const ImageSteps& steps,
                                          const ChunkRanges& chunk,
-                                         ChunkWorkspace* w) {
+                                         SchurWorkspace* w) {
   MultiplyChunkBody<R, N>(in, kept, steps, chunk, w);
 }
 

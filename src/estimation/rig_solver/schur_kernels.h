@@ -6,15 +6,15 @@
 #include <cstddef>
 #include <vector>
 
-#include "rig_solver/chunk_workspace.h"
 #include "rig_solver/damping.h"
 #include "rig_solver/image_poses.h"
-#include "rig_solver/lanes.h"
 #include "rig_solver/residuals.h"
 #include "rig_solver/rig_structure.h"
+#include "rig_solver/schur_workspace.h"
+#include "rig_solver/simd_batch.h"
 
 // The inner loops over the observations of points, on plain arrays. They are
-// inlined into the passes of chunk_passes.h, which are compiled for several
+// inlined into the passes of schur_passes.h, which are compiled for several
 // instruction sets. R is a residual type, N the size of pose blocks: 6, or 3 if
 // no rotation is free. docs/maths/rig_solver.md has the formulas.
 namespace mgsfm {
@@ -134,7 +134,7 @@ MGSFM_ALWAYS_INLINE bool LinearizeObservation(
 
 // The coupling of a block to the current point: three columns.
 MGSFM_ALWAYS_INLINE double* CouplingOf(int block, size_t point,
-                                       ChunkWorkspace* w) {
+                                       SchurWorkspace* w) {
   double* coupling = w->couplings.data() + kCouplingSize * block;
   if (w->last_point[block] != point) {
     w->last_point[block] = point;
@@ -174,10 +174,10 @@ MGSFM_ALWAYS_INLINE void MultiplyRows(const double* a, int a_stride,
 template <int kDim, int kSize>
 MGSFM_ALWAYS_INLINE void AddCoupling(const double* rows, const double* J,
                                      double* coupling) {
-  Lanes<kSize> row[kDim];
+  SimdBatch<kSize> row[kDim];
   for (int k = 0; k < kDim; ++k) row[k].Load(rows + kSize * k);
   for (int j = 0; j < 3; ++j) {
-    Lanes<kSize> column;
+    SimdBatch<kSize> column;
     column.Load(coupling + kSize * j);
     for (int k = 0; k < kDim; ++k) column.AddScaled(row[k], J[3 * k + j]);
     column.Store(coupling + kSize * j);
@@ -201,8 +201,8 @@ MGSFM_ALWAYS_INLINE void AddCoupling(const double* rows, int size,
 template <int kDim, int kSize>
 MGSFM_ALWAYS_INLINE void AddSquare(const double* rows, const double* r,
                                    double* hessian, double* gradient) {
-  Lanes<kSize> row[kDim];
-  Lanes<kSize> sum;
+  SimdBatch<kSize> row[kDim];
+  SimdBatch<kSize> sum;
   sum.Load(gradient);
   for (int k = 0; k < kDim; ++k) {
     row[k].Load(rows + kSize * k);
@@ -210,7 +210,7 @@ MGSFM_ALWAYS_INLINE void AddSquare(const double* rows, const double* r,
   }
   sum.Store(gradient);
   for (int j = 0; j < kSize; ++j) {
-    Lanes<kSize> column;
+    SimdBatch<kSize> column;
     column.Load(hessian + kSize * j);
     for (int k = 0; k < kDim; ++k) {
       column.AddScaled(row[k], rows[kSize * k + j]);
@@ -286,7 +286,7 @@ MGSFM_ALWAYS_INLINE void AddCouplings(const ImagePose& pose,
                                       const ChunkImage& image, size_t point,
                                       const Terms& o,
                                       const ObservationRows<R::kDim, N>& rows,
-                                      ChunkWorkspace* w) {
+                                      SchurWorkspace* w) {
   constexpr int kDim = R::kDim;
   if (image.frame != kNoBlock) {
     AddCoupling<kDim, N>(rows.frame, rows.point,
@@ -307,7 +307,7 @@ template <class R, int N>
 MGSFM_ALWAYS_INLINE void AddToImage(const ImagePose& pose, int image_idx,
                                     const ObservationTerms<R::kDim>& o,
                                     const ObservationRows<R::kDim, N>& rows,
-                                    ChunkWorkspace* w) {
+                                    SchurWorkspace* w) {
   constexpr int kDim = R::kDim;
   double* hessian =
       w->image_hessians.data() + w->image_hessian_begin[image_idx];
@@ -351,7 +351,7 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
                                         const ChunkRanges& chunk, size_t point,
                                         bool is_cut, PointHessian* V, double* g,
                                         double* kept, size_t kept_size,
-                                        ChunkWorkspace* w) {
+                                        SchurWorkspace* w) {
   constexpr int kDim = R::kDim;
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
@@ -396,7 +396,7 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
 template <int kSize>
 MGSFM_ALWAYS_INLINE void ScaleCoupling(const PointFactor& f, const double* u,
                                        double* W, double* correction) {
-  Lanes<kSize> u0, u1, u2, sum;
+  SimdBatch<kSize> u0, u1, u2, sum;
   u0.Load(W);
   u1.Load(W + kSize);
   u2.Load(W + 2 * kSize);
@@ -432,10 +432,10 @@ MGSFM_ALWAYS_INLINE void ScaleCoupling(const PointFactor& f, const double* u,
 
 // pair (kSize x kSize) -= a b^T, a and b of three columns.
 template <int kSize>
-MGSFM_ALWAYS_INLINE void SubtractProduct(const Lanes<kSize>* a, const double* b,
-                                         double* pair) {
+MGSFM_ALWAYS_INLINE void SubtractProduct(const SimdBatch<kSize>* a,
+                                         const double* b, double* pair) {
   for (int j = 0; j < kSize; ++j) {
-    Lanes<kSize> column;
+    SimdBatch<kSize> column;
     column.Load(pair + kSize * j);
     column.AddScaled(a[0], -b[j]);
     column.AddScaled(a[1], -b[kSize + j]);
@@ -458,14 +458,14 @@ MGSFM_ALWAYS_INLINE void SubtractProduct(const double* a, int rows,
 
 // Subtracts U U^T from the local matrix.
 template <int N>
-MGSFM_ALWAYS_INLINE void SubtractProducts(ChunkWorkspace* w) {
+MGSFM_ALWAYS_INLINE void SubtractProducts(SchurWorkspace* w) {
   const int* met = w->met.data();
   for (size_t i = 0; i < w->num_met; ++i) {
     const int row = met[i];
     const int rows = w->block_size[row];
     const double* a = w->couplings.data() + kCouplingSize * row;
     const int* pair_begin = w->pair_begin.data() + row * w->num_blocks;
-    Lanes<N> lanes[3];  // used if rows == N
+    SimdBatch<N> lanes[3];  // used if rows == N
     for (int k = 0; k < 3; ++k) lanes[k].Load(a + N * k);
     for (size_t k = 0; k <= i; ++k) {
       const int column = met[k];
@@ -487,7 +487,7 @@ MGSFM_ALWAYS_INLINE void SubtractProducts(ChunkWorkspace* w) {
 // cut points, EliminatePart() updates the matrix.
 template <int N>
 MGSFM_ALWAYS_INLINE void EliminatePoint(const PointFactor& f, const double* g,
-                                        bool is_cut, ChunkWorkspace* w) {
+                                        bool is_cut, SchurWorkspace* w) {
   double u[3] = {g[0], g[1], g[2]};
   SolveLower(f, u);
   int* met = w->met.data();
@@ -522,7 +522,7 @@ template <class R, int N>
 MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
                                        const ChunkRanges& chunk, size_t point,
                                        size_t begin, size_t end,
-                                       ChunkWorkspace* w) {
+                                       SchurWorkspace* w) {
   constexpr double kNoGradient[3] = {0.0, 0.0, 0.0};
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
