@@ -11,7 +11,7 @@
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "mgsfm/simulator/simulation.h"
-#include "simulator/drive.h"
+#include "simulator/road.h"
 #include "simulator/vehicles.h"
 #include "simulator/weak_cuts.h"
 

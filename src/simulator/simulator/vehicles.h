@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "base/random.h"
-#include "simulator/drive.h"
 #include "simulator/road.h"
 #include "simulator/worlds/world_plan.h"
 
