@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "exchange/import_formats.h"
 
-#include <algorithm>
-#include <cctype>
-#include <iterator>
+#include "base/text_tools.h"
 
 namespace mgsfm {
 namespace {
@@ -19,27 +17,14 @@ constexpr KnownFormat kFormats[] = {
     {{"nerfstudio", ReadNerfstudio}, ".json"},
 };
 
-std::string ToLower(std::string_view text) {
-  std::string lower(text);
-  for (char& c : lower) {
-    c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  }
-  return lower;
-}
-
-template <class Predicate>
-const ImportFormat* FindIf(Predicate is_wanted) {
-  const auto* const found =
-      std::find_if(std::begin(kFormats), std::end(kFormats), is_wanted);
-  return found == std::end(kFormats) ? nullptr : &found->format;
-}
-
 }  // namespace
 
 const ImportFormat* FindImportFormat(std::string_view name) {
-  return FindIf([lower = ToLower(name)](const KnownFormat& known) {
-    return known.format.name == lower;
-  });
+  const std::string lower = ToLower(std::string(name));
+  for (const KnownFormat& known : kFormats) {
+    if (known.format.name == lower) return &known.format;
+  }
+  return nullptr;
 }
 
 std::vector<std::string> ImportFormatNames() {
@@ -51,9 +36,11 @@ std::vector<std::string> ImportFormatNames() {
 }
 
 const ImportFormat* GuessImportFormat(const std::filesystem::path& path) {
-  return FindIf(
-      [extension = ToLower(path.extension().string())](
-          const KnownFormat& known) { return known.extension == extension; });
+  const std::string extension = ToLower(path.extension().string());
+  for (const KnownFormat& known : kFormats) {
+    if (known.extension == extension) return &known.format;
+  }
+  return nullptr;
 }
 
 }  // namespace mgsfm

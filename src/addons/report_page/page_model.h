@@ -4,6 +4,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,13 +17,20 @@ namespace mgsfm {
 // The common input of all parts of the page.
 struct PageModel {
   const ReportPageInput& input;
-  const Projector& projector;
-  const ModelStatistics& statistics;
+  Projector projector;
+  ModelStatistics statistics;
   // The report of the run, and its entry for the model; empty objects if there
   // is none.
   nlohmann::ordered_json report;
   nlohmann::ordered_json model_report;
 };
+
+// Warns, and returns an empty object, if the text is none.
+nlohmann::ordered_json ParseReport(const std::string& text,
+                                   const Context& context);
+
+PageModel MakePageModel(const ReportPageInput& input,
+                        nlohmann::ordered_json report, const Context& context);
 
 // The value of a key of an object, else null. Reports may be of other versions,
 // so every value may be missing or have another type.
@@ -42,22 +50,6 @@ inline const nlohmann::ordered_json& GetArray(
   return value.is_array() ? value : kEmpty;
 }
 
-// The indices of the frames in [first name, last name].
-inline std::optional<std::pair<int, int>> FrameRange(
-    const nlohmann::ordered_json& names,
-    const std::map<std::string, int>& frame_of_name) {
-  if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
-      !names[1].is_string()) {
-    return std::nullopt;
-  }
-  const auto first = frame_of_name.find(names[0].get<std::string>());
-  const auto last = frame_of_name.find(names[1].get<std::string>());
-  if (first == frame_of_name.end() || last == frame_of_name.end()) {
-    return std::nullopt;
-  }
-  return std::make_pair(first->second, last->second);
-}
-
 inline std::string GetText(const nlohmann::ordered_json& object,
                            const char* key) {
   const nlohmann::ordered_json& value = Get(object, key);
@@ -71,15 +63,19 @@ inline std::optional<double> GetNumber(const nlohmann::ordered_json& object,
   return value.get<double>();
 }
 
+std::map<std::string, int> FramesByName(const Scene& scene);
+
+// The indices of the frames in [first name, last name].
+std::optional<std::pair<int, int>> FrameRange(
+    const nlohmann::ordered_json& names,
+    const std::map<std::string, int>& frame_of_name);
+
 // "m" if the report states that the model is metric, else "units".
-inline std::string LengthUnit(const PageModel& model) {
-  const nlohmann::ordered_json& models =
-      GetArray(Get(model.report, "summary"), "models");
-  const size_t i = model.input.model_idx;
-  const bool is_metric =
-      i < models.size() &&
-      GetText(models[i], "unit_of_length").compare(0, 6, "metric") == 0;
-  return is_metric ? "m" : "units";
-}
+std::string LengthUnit(const PageModel& model);
+
+// The places of the seams of the report as pairs of frames [before, after].
+// Each side of a seam consists of stretches of frames, and a seam lies where
+// stretches of different sides follow each other.
+std::set<std::pair<int, int>> SeamPlaces(const PageModel& model);
 
 }  // namespace mgsfm

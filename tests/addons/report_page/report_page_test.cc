@@ -8,8 +8,8 @@
 #include <regex>
 
 #include "mgsfm/simulator/simulation.h"
+#include "report_page/page_selection.h"
 #include "report_page/statistics.h"
-#include "report_page/thumbnails.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
