@@ -12,6 +12,8 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "base/text_tools.h"
+#include "exchange/import_formats.h"
 #include "files/image_limits.h"
 #include "files/image_reading.h"
 #include "mgsfm/base/error.h"
@@ -266,6 +268,45 @@ Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
                 "' is damaged or of an unknown format; replace it");
   }
   return *size;
+}
+
+namespace {
+
+struct KnownFormat {
+  ImportFormat format;
+  std::string_view extension;
+};
+
+constexpr KnownFormat kFormats[] = {
+    {{"nvm", ReadNvm}, ".nvm"},
+    {{"bundler", ReadBundler}, ".out"},
+    {{"nerfstudio", ReadNerfstudio}, ".json"},
+};
+
+}  // namespace
+
+const ImportFormat* FindImportFormat(std::string_view name) {
+  const std::string lower = ToLower(std::string(name));
+  for (const KnownFormat& known : kFormats) {
+    if (known.format.name == lower) return &known.format;
+  }
+  return nullptr;
+}
+
+std::vector<std::string> ImportFormatNames() {
+  std::vector<std::string> names;
+  for (const KnownFormat& known : kFormats) {
+    names.emplace_back(known.format.name);
+  }
+  return names;
+}
+
+const ImportFormat* GuessImportFormat(const std::filesystem::path& path) {
+  const std::string extension = ToLower(path.extension().string());
+  for (const KnownFormat& known : kFormats) {
+    if (known.extension == extension) return &known.format;
+  }
+  return nullptr;
 }
 
 }  // namespace mgsfm

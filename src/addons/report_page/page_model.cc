@@ -1,10 +1,143 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "report_page/page_model.h"
 
+#include <algorithm>
+
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/version.h"
 
 namespace mgsfm {
+namespace {
+
+using Eigen::Vector2d;
+
+// Adds one value to the statistics of an image, sensor or model.
+void Add(std::optional<double> error_px, ImageStatistics* statistics) {
+  ++statistics->num_points;
+  if (!error_px) return;
+  ++statistics->num_errors;
+  statistics->sum_errors_px += *error_px;
+}
+
+void AddResidual(const Vector2d& keypoint_px, const Camera& camera,
+                 const Vector2d& residual_px, SensorStatistics* sensor) {
+  const double error_px = residual_px.norm();
+  const double bin = std::min(error_px / SensorStatistics::kBinPx,
+                              SensorStatistics::kNumBins - 1.0);
+  ++sensor->error_histogram[static_cast<size_t>(bin)];
+  const auto index = [](double position, int extent, int size) {
+    const double share = position / std::max(extent, 1) * size;
+    return static_cast<int>(std::clamp(share, 0.0, size - 1.0));
+  };
+  const int column =
+      index(keypoint_px.x(), camera.width_px, SensorStatistics::kNumColumns);
+  const int row = index(keypoint_px.y(), camera.height_px, sensor->num_rows);
+  ImageCell& cell = sensor->cells[row * SensorStatistics::kNumColumns + column];
+  ++cell.num_residuals;
+  cell.sum_errors_px += error_px;
+  cell.sum_residuals_px += residual_px;
+}
+
+void CountImages(const Scene& scene, const Projector& projector,
+                 const Reconstruction& reconstruction,
+                 PageStatistics* statistics) {
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    SensorStatistics& sensor = statistics->sensors[scene.images[i].sensor_idx];
+    ++sensor.num_images;
+    if (!projector.CamFromWorld(static_cast<int>(i))) continue;
+    ++sensor.num_registered;
+    ++statistics->num_registered_images;
+  }
+  statistics->num_registered_frames =
+      std::count_if(reconstruction.rig_from_world.begin(),
+                    reconstruction.rig_from_world.end(),
+                    [](const auto& pose) { return pose.has_value(); });
+}
+
+}  // namespace
+
+Projector::Projector(const Scene& scene, const Reconstruction& reconstruction)
+    : scene_(scene), reconstruction_(reconstruction) {
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    cam_from_world_.push_back(
+        reconstruction.CamFromWorld(scene, static_cast<int>(i)));
+  }
+}
+
+std::optional<Vector2d> Projector::ResidualPx(
+    const Observation& observation,
+    const Eigen::Vector3d& point_in_world) const {
+  const auto& pose = cam_from_world_[observation.image_idx];
+  if (!pose) return std::nullopt;
+  const Image& image = scene_.images[observation.image_idx];
+  const Camera& camera = reconstruction_.cameras[image.camera_idx];
+  const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
+                                    *pose * point_in_world);
+  if (!pixel || !pixel->allFinite()) return std::nullopt;
+  return *pixel - image.keypoints_px[observation.keypoint_idx].cast<double>();
+}
+
+PageStatistics ComputeStatistics(const Scene& scene,
+                                 const Reconstruction& reconstruction,
+                                 const Projector& projector,
+                                 const Context& context) {
+  PageStatistics statistics;
+  statistics.images.resize(scene.images.size());
+  statistics.sensors.resize(scene.sensors.size());
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    const Camera& camera = scene.cameras[scene.sensors[i].camera_idx];
+    SensorStatistics& sensor = statistics.sensors[i];
+    const double aspect =
+        static_cast<double>(camera.height_px) / std::max(camera.width_px, 1);
+    sensor.num_rows = static_cast<int>(std::clamp(
+        std::round(SensorStatistics::kNumColumns * aspect), 1.0, 96.0));
+    sensor.cells.resize(static_cast<size_t>(sensor.num_rows) *
+                        SensorStatistics::kNumColumns);
+  }
+  CountImages(scene, projector, reconstruction, &statistics);
+
+  // Blocks bound the memory for residuals.
+  constexpr size_t kBlockSize = 1 << 16;
+  const std::vector<Point3D>& points = reconstruction.points;
+  for (size_t begin = 0; begin < points.size(); begin += kBlockSize) {
+    const size_t size = std::min(kBlockSize, points.size() - begin);
+    std::vector<std::vector<std::optional<Vector2d>>> residuals_px(size);
+    ParallelFor(size, context.num_threads, [&](size_t i) {
+      const Point3D& point = points[begin + i];
+      for (const Observation& observation : point.track) {
+        residuals_px[i].push_back(
+            projector.ResidualPx(observation, point.point_in_world));
+      }
+    });
+    context.CheckInterrupted();
+    for (size_t i = 0; i < size; ++i) {
+      const std::vector<Observation>& track = points[begin + i].track;
+      statistics.num_observations += track.size();
+      if (statistics.num_tracks_of_length.size() <= track.size()) {
+        statistics.num_tracks_of_length.resize(track.size() + 1);
+      }
+      ++statistics.num_tracks_of_length[track.size()];
+      for (size_t k = 0; k < track.size(); ++k) {
+        const auto& residual_px = residuals_px[i][k];
+        const Image& image = scene.images[track[k].image_idx];
+        SensorStatistics& sensor = statistics.sensors[image.sensor_idx];
+        std::optional<double> error_px;
+        if (residual_px) {
+          error_px = residual_px->norm();
+          AddResidual(image.keypoints_px[track[k].keypoint_idx].cast<double>(),
+                      reconstruction.cameras[image.camera_idx], *residual_px,
+                      &sensor);
+        }
+        Add(error_px, &statistics.images[track[k].image_idx]);
+        Add(error_px, &sensor.errors);
+        Add(error_px, &statistics.errors);
+      }
+    }
+  }
+  return statistics;
+}
+
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -38,7 +171,7 @@ nlohmann::ordered_json ParseReport(const std::string& text,
 PageModel MakePageModel(const ReportPageInput& input,
                         nlohmann::ordered_json report, const Context& context) {
   Projector projector(input.scene, input.reconstruction);
-  ModelStatistics statistics =
+  PageStatistics statistics =
       ComputeStatistics(input.scene, input.reconstruction, projector, context);
   const Json& models = GetArray(report, "models");
   Json entry = input.model_idx < models.size() ? models[input.model_idx]

@@ -114,7 +114,7 @@ std::string Card(const std::string& value, const std::string& label) {
 }
 
 std::string Cards(const PageModel& model) {
-  const ModelStatistics& s = model.statistics;
+  const PageStatistics& s = model.statistics;
   const Scene& scene = model.input.scene;
   std::string html = "<div class=\"cards\">";
   html += Card(Count(s.num_registered_images) + "&thinsp;/&thinsp;" +

@@ -38,7 +38,7 @@ class IsolatedPairMaker {
         maker_(maker),
         plans_(plans),
         photographs_(*photographs) {
-    for (const Features& features : photographs_.features) {
+    for (const SimulatedFeatures& features : photographs_.features) {
       num_features_.push_back(features.size());
     }
   }
@@ -138,7 +138,7 @@ class IsolatedPairMaker {
                   Random* random) const {
     const double max_error_rad = maker_.ErrorInRadians(
         plan.image1, plan.image2, kMaxError_sigma * options_.pixel_noise_px);
-    const Features& features2 = photographs_.features[plan.image2];
+    const SimulatedFeatures& features2 = photographs_.features[plan.image2];
     std::vector<int> fitting;
     for (size_t i = 0; i < is_taken.size(); ++i) {
       const Eigen::Vector3d& ray2 = features2.rays[i];
@@ -165,7 +165,7 @@ class IsolatedPairMaker {
         pixel->x() >= camera.width_px || pixel->y() >= camera.height_px) {
       return -1;
     }
-    Features& features2 = photographs_.features[plan.image2];
+    SimulatedFeatures& features2 = photographs_.features[plan.image2];
     const bool is_seen = detector_.Append(
         camera_number, kClutter, *pixel + Eigen::Vector2d(noise_x, noise_y),
         &features2);
@@ -173,7 +173,7 @@ class IsolatedPairMaker {
   }
 
   void RemoveNew(int image, size_t num_before) {
-    Features& features = photographs_.features[image];
+    SimulatedFeatures& features = photographs_.features[image];
     features.identities.resize(num_before);
     features.keypoints_px.resize(num_before);
     features.rays.resize(num_before);

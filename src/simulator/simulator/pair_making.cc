@@ -209,8 +209,8 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
   const Rigid3 pose = WithUnitBaseline(cam2_from_cam1);
   const double max_error_rad =
       ErrorInRadians(plan.image1, plan.image2, kEpipolarOutlierError_px);
-  const Features& features1 = photographs_.features[plan.image1];
-  const Features& features2 = photographs_.features[plan.image2];
+  const SimulatedFeatures& features1 = photographs_.features[plan.image1];
+  const SimulatedFeatures& features2 = photographs_.features[plan.image2];
   Mask is_taken(features2.size(), false);
   for (const Match& match : *matches) is_taken[match.keypoint_idx2] = true;
   for (Match& match : *matches) {

@@ -257,8 +257,8 @@ std::vector<std::pair<int, PairPlan>> RankedPairs(
 
 }  // namespace
 
-int NumCommonPoints(const Features& features1, const Features& features2,
-                    int num_points) {
+int NumCommonPoints(const SimulatedFeatures& features1,
+                    const SimulatedFeatures& features2, int num_points) {
   const std::vector<int>& ids1 = features1.identities;
   const std::vector<int>& ids2 = features2.identities;
   return NumCommon(

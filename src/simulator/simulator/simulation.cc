@@ -335,7 +335,7 @@ void Simulator::AddPairs(const PairMaker& maker, const Detector& detector) {
 void Simulator::AddFeatures() {
   const int num_points = static_cast<int>(world_->points.size());
   for (size_t i = 0; i < photographs_.features.size(); ++i) {
-    Features& features = photographs_.features[i];
+    SimulatedFeatures& features = photographs_.features[i];
     for (int& identity : features.identities) {
       if (identity >= num_points) identity = -1;
     }
