@@ -41,7 +41,7 @@ frontend/video: base io
 frontend/imaging: base math geometry scene io
 baselines/baselines: base math geometry scene rig_solver pair_filtering rotation_averaging translation_averaging mapper
 simulator/simulator: base math geometry scene
-addons/evaluation: base math geometry scene
+addons/evaluation: base math geometry scene io
 addons/model_tools: base math geometry scene evaluation
 addons/fleet: base math geometry scene pair_filtering evaluation model_tools
 addons/exchange: base math geometry scene files rigs models

@@ -28,7 +28,6 @@
 #include "mgsfm/matching/matching.h"
 #include "mgsfm/models/scene_loading.h"
 #include "models/rows_to_scene.h"
-#include "true_trajectory.h"
 #include "video/video_sampling.h"
 
 namespace mgsfm {
@@ -143,9 +142,8 @@ struct AutomaticReconstructorOptions {
   VideoSamplingOptions video;
   SplittingOptions splitting;
   FeatureExtractionOptions extraction;
-  SceneLoadingOptions loading;
+  MatchingInputOptions input;  // of the database in the workspace
   PosePriorOptions priors;
-  PairMatchingOptions matching;
   SequentialMatchingOptions sequential;
   ExhaustiveMatchingOptions exhaustive;
   VocabularyOptions vocabulary;
@@ -154,8 +152,8 @@ struct AutomaticReconstructorOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(workspace_path, image_path, video_path, data_type, output_format,
-          write_report, adopt_fisheyes, live, extraction, loading, priors,
-          matching);
+          write_report, adopt_fisheyes, live, extraction, input.loading, priors,
+          input.matching);
     visit.Group("Video", video);
     visit.Group("Splitting", splitting);
     visit.Group("SequentialMatching", sequential);
@@ -165,38 +163,32 @@ struct AutomaticReconstructorOptions {
   }
 };
 
-MatchingInput MatchImages(const MatchingInputOptions& input_options,
-                          const AutomaticReconstructorOptions& options,
+MatchingInput MatchImages(const AutomaticReconstructorOptions& options,
                           const Context& context) {
-  MatchingInput input = OpenMatchingInput(input_options, context);
+  MatchingInput input = OpenMatchingInput(options.input, context);
   if (options.data_type == DataType::kIndividual) {
     MatchExhaustively(&input.database, input.scene, options.exhaustive,
-                      options.matching, context);
+                      options.input.matching, context);
   } else {
     MatchSequentially(&input.database, input.scene, options.sequential,
-                      options.vocabulary, options.matching, context);
+                      options.vocabulary, options.input.matching, context);
   }
   return input;
 }
 
-void Match(const std::string& database_path,
-           const AutomaticReconstructorOptions& options,
+void Match(const AutomaticReconstructorOptions& options,
            const Context& context) {
-  MatchingInputOptions input_options;
-  input_options.database_path = database_path;
-  input_options.loading = options.loading;
-  input_options.matching = options.matching;
   {
-    MatchingInput input = MatchImages(input_options, options, context);
+    MatchingInput input = MatchImages(options, context);
     const bool has_chosen_model = *options.extraction.reader.camera_model !=
                                   *ImageReaderOptions().camera_model;
     if (!options.adopt_fisheyes || has_chosen_model) {
-      WarnOfFisheyes(input, options.matching, context);
+      WarnOfFisheyes(input, options.input.matching, context);
       return;
     }
     const std::vector<FisheyeFinding> fisheyes =
         FindFisheyes(input.database, input.scene,
-                     options.matching.two_view_geometry, context);
+                     options.input.matching.two_view_geometry, context);
     if (fisheyes.empty()) return;
     AdoptFisheyes(fisheyes, input.scene, &input.database);
     for (const FisheyeFinding& finding : fisheyes) {
@@ -207,7 +199,7 @@ void Match(const std::string& database_path,
     }
   }
   // The matches are in the database; their verification depends on the lens.
-  (void)MatchImages(input_options, options, context);
+  (void)MatchImages(options, context);
 }
 
 // Matching and mapping both read the rigs; what they say about them is logged
@@ -231,7 +223,7 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
       {*options->image_path,
        ListImages(options->image_path, options->extraction.image_list_path),
        *reader.mask_path, *reader.camera_params_path, views_path,
-       is_panorama ? *options->loading.rig_config_path : std::string()},
+       is_panorama ? *options->input.loading.rig_config_path : std::string()},
       kind, options->splitting, context);
   context.Info("split " + Describe(summary) + "; the models are of " +
                (views_path / "images").string());
@@ -242,7 +234,7 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
   }
   if (is_panorama) {
     reader.camera_params_path = (views_path / "cameras.txt").string();
-    options->loading.rig_config_path =
+    options->input.loading.rig_config_path =
         (views_path / "rig_config.json").string();
   } else if (reader.camera_params->empty()) {
     // Equidistant, until it is refined.
@@ -268,7 +260,7 @@ void CheckSource(const AutomaticReconstructorOptions& options) {
 // takes long.
 void CheckPaths(const AutomaticReconstructorOptions& options) {
   const ImageReaderOptions& reader = options.extraction.reader;
-  const SceneLoadingOptions& loading = options.loading;
+  const SceneLoadingOptions& loading = options.input.loading;
   const PosePriorOptions& priors = options.priors;
   const std::pair<const char*, std::string> paths[] = {
       {"rig_config_path", loading.rig_config_path},
@@ -324,24 +316,28 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   CheckRigsOfImages(
       options.image_path,
       ListImages(options.image_path, options.extraction.image_list_path),
-      options.loading);
+      options.input.loading);
   std::error_code error;
   fs::create_directories(workspace, error);
   if (!fs::is_directory(workspace)) {
     throw Error("--workspace_path '" + *options.workspace_path +
                 "' cannot be created: " + error.message());
   }
-  const std::string database_path = (workspace / "database.db").string();
+  options.input.database_path = (workspace / "database.db").string();
   UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
-               &options.loading);
+               &options.input.loading);
   { const StagedOutput sparse(workspace / "sparse"); }  // may be written
-  ExtractInto(database_path, options.image_path, options.extraction,
-              std::nullopt, context);
-  Match(database_path, options, context);
-  MapperRun run{database_path,      (workspace / "sparse").string(),
-                options.image_path, options.output_format,
-                options.loading,    options.priors,
-                options.mapper,     OptionsToJsonOf(given)};
+  ExtractInto(options.input.database_path, options.image_path,
+              options.extraction, std::nullopt, context);
+  Match(options, context);
+  MapperRun run{options.input.database_path,
+                (workspace / "sparse").string(),
+                options.image_path,
+                options.output_format,
+                options.input.loading,
+                options.priors,
+                options.mapper,
+                OptionsToJsonOf(given)};
   run.write_report = options.write_report;
   run.live = live.get();
   return MapDatabase(run, context);

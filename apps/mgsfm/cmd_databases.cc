@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "base/text_lines.h"
-#include "base/text_streams.h"
+#include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
 #include "database/database_cleaning.h"
@@ -79,15 +79,6 @@ struct DatabaseMergerOptions {
   }
 };
 
-std::vector<std::string> Split(const std::string& text, char separator) {
-  std::vector<std::string> parts;
-  TextInput stream(text);
-  for (std::string part; std::getline(stream, part, separator);) {
-    parts.push_back(part);
-  }
-  return parts;
-}
-
 std::vector<MergeInput> ReadList(const std::string& path) {
   std::vector<MergeInput> inputs;
   TextLines lines(path);
@@ -108,8 +99,7 @@ std::vector<MergeInput> ReadList(const std::string& path) {
 void SetEach(const std::string& text, const std::string& option,
              std::string MergeInput::*member, std::vector<MergeInput>* inputs) {
   if (text.empty()) return;
-  std::vector<std::string> values = Split(text, ',');
-  if (text.back() == ',') values.emplace_back();
+  const std::vector<std::string> values = SplitFields(text, ',');
   if (values.size() != inputs->size()) {
     throw Error("--" + option + " has " + std::to_string(values.size()) +
                 " values for " + std::to_string(inputs->size()) +
@@ -124,7 +114,7 @@ std::vector<MergeInput> ReadInputs(const DatabaseMergerOptions& options) {
        {*options.database_path1, *options.database_path2}) {
     if (!path.empty()) inputs.push_back({path, "", ""});
   }
-  for (const std::string& path : Split(options.database_path, ',')) {
+  for (const std::string& path : SplitList(options.database_path)) {
     inputs.push_back({path, "", ""});
   }
   SetEach(options.image_prefix, "image_prefix", &MergeInput::prefix, &inputs);

@@ -28,14 +28,17 @@
 namespace mgsfm {
 namespace {
 
+// "96 images in 2.1 s, 45.2 images/s; ".
+std::string Rate(size_t num_images, double seconds) {
+  return std::to_string(num_images) +
+         Formatted(" images in %.1f s, %.3g images/s; ", seconds,
+                   static_cast<double>(num_images) / std::max(seconds, 1e-9));
+}
+
 void LogSummary(const FeatureExtractionSummary& summary,
                 const Context& context) {
-  const std::string rate =
-      Formatted(" in %.1f s, %.3g images/s", summary.seconds,
-                static_cast<double>(summary.num_extracted) /
-                    std::max(summary.seconds, 1e-9));
   context.Info(std::to_string(summary.num_features) + " features of " +
-               std::to_string(summary.num_extracted) + " images" + rate + "; " +
+               Rate(summary.num_extracted, summary.seconds) +
                std::to_string(summary.num_present) +
                " images already had features, " +
                std::to_string(summary.num_rejected) + " were rejected");
@@ -83,11 +86,7 @@ void SampleVideosInto(const std::filesystem::path& output_path,
 }
 
 std::string Describe(const ImageRunSummary& summary) {
-  const std::string rate =
-      Formatted(" images in %.1f s, %.3g images/s; ", summary.seconds,
-                static_cast<double>(summary.num_written) /
-                    std::max(summary.seconds, 1e-9));
-  return std::to_string(summary.num_written) + rate +
+  return Rate(summary.num_written, summary.seconds) +
          std::to_string(summary.num_present) + " were already there";
 }
 

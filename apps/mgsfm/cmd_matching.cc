@@ -264,43 +264,31 @@ int RunMatchesImporter(const MatcherOptions<ImportMethod>& options,
   return RunMatcherOf(options, context);
 }
 
-// The options of the matchers, except those for descriptors, which are not
-// read.
 struct GeometricVerifierOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),
       "Add two-view geometries to this COLMAP database with matches; pairs "
       "that have them are skipped."};
-  Option<std::string> shard = MatchingInputOptions().shard;
-  Option<std::string> shard_path = MatchingInputOptions().shard_path;
-  Option<std::string> output_pairs_path =
-      MatchingInputOptions().output_pairs_path;
-  SceneLoadingOptions loading;
-  TwoViewGeometryOptions two_view_geometry;
-  RigVerificationOptions rig_verification;
+  // Those for descriptors are not read.
+  MatchingInputOptions input;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(database_path, shard, shard_path, output_pairs_path, loading);
-    visit.Group("TwoViewGeometry", two_view_geometry);
-    visit.Group("FeatureMatching", rig_verification);
+    visit(database_path, input.shard, input.shard_path, input.output_pairs_path,
+          input.loading);
+    visit.Group("TwoViewGeometry", input.matching.two_view_geometry);
+    visit.Group("FeatureMatching", input.matching.rig_verification);
   }
 };
 
 int RunGeometricVerifier(const GeometricVerifierOptions& options,
                          const Context& context) {
-  MatchingInputOptions matching;
-  matching.database_path = options.database_path;
-  matching.shard = options.shard;
-  matching.shard_path = options.shard_path;
-  matching.output_pairs_path = options.output_pairs_path;
-  matching.loading = options.loading;
-  matching.matching.two_view_geometry = options.two_view_geometry;
-  matching.matching.rig_verification = options.rig_verification;
+  MatchingInputOptions input_options = options.input;
+  input_options.database_path = options.database_path;
   return RunMatcher(
-      matching, context,
+      input_options, context,
       [&](MatchingInput* input) {
-        VerifyMatches(&input->database, input->scene, matching.matching,
+        VerifyMatches(&input->database, input->scene, options.input.matching,
                       context);
       },
       [&](const MatchingInput& input) {

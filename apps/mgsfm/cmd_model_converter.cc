@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 #include <utility>
 #include <vector>
@@ -11,6 +10,7 @@
 #include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
+#include "evaluation/truth_comparison.h"
 #include "exchange/exchange_formats.h"
 #include "exchange/import_formats.h"
 #include "files/file_operations.h"
@@ -22,7 +22,6 @@
 #include "model_file.h"
 #include "priors/position_files.h"
 #include "rigs/image_times.h"
-#include "truth_comparison.h"
 
 namespace mgsfm {
 namespace {
@@ -85,12 +84,9 @@ struct ModelConverterOptions {
   }
 };
 
-std::optional<ModelFormat> FindModelFormat(std::string name) {
-  for (char& c : name) {
-    c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  }
+std::optional<ModelFormat> FindModelFormat(const std::string& name) {
   for (const auto& [format_name, format] : EnumTable<ModelFormat>::kNames) {
-    if (format_name == name) return format;
+    if (format_name == ToLower(name)) return format;
   }
   return std::nullopt;
 }

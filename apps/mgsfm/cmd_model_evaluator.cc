@@ -5,12 +5,11 @@
 #include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
-#include "evaluation/error_statistics.h"
 #include "evaluation/evaluation_plot.h"
+#include "evaluation/truth_comparison.h"
 #include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/evaluation/evaluation.h"
-#include "truth_comparison.h"
 
 namespace mgsfm {
 

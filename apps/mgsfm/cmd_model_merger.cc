@@ -339,7 +339,11 @@ Json FinishModel(const ModelMergerOptions& options,
     bundle = Adjust(options, max_num_observations, model, context);
   WriteModelAndRig(folder, model->scene, model->reconstruction,
                    options.output_format, context);
-  return DescribeModel(AnalyzeModel(*model), sub_maps, bundle);
+  const ModelStatistics statistics = AnalyzeModel(*model);
+  context.Info("model " + folder.filename().string() + ": " +
+               DescribeSize(statistics) + " of " +
+               std::to_string(sub_maps.size()) + " sub-maps");
+  return DescribeModel(statistics, sub_maps, bundle);
 }
 
 // Models do not tell which poses of their cameras were known.
@@ -355,16 +359,6 @@ void LogIfRigsAreRefined(const ModelMergerOptions& options,
   context.Info(
       "bundle adjustment refines the poses of the cameras in their rigs; set "
       "--rig_config_path to keep known ones");
-}
-
-// "12 frames, 48 images and 3600 points of 3 sub-maps".
-std::string DescribeEntry(const Json& model) {
-  ModelStatistics statistics;
-  statistics.num_frames = model["num_frames"];
-  statistics.num_images = model["num_images"];
-  statistics.num_points = model["num_points"];
-  return DescribeSize(statistics) + " of " +
-         std::to_string(model["sub_maps"].size()) + " sub-maps";
 }
 
 // Joins the models of clusters, which `mapper --partition` made, into the
@@ -407,8 +401,6 @@ int JoinClusters(const ModelMergerOptions& options, const Context& context) {
     report["models"].push_back(FinishModel(options, max_num_observations,
                                            folder, joined.sub_maps[i],
                                            &joined.models[i], context));
-    context.Info("model " + std::to_string(i) + ": " +
-                 DescribeEntry(report["models"].back()));
   }
   report["peak_memory_mib"] = PeakMemoryMib();
   WriteFile(output.StagingDir() / "report.json", report.dump(2) + "\n");

@@ -10,6 +10,7 @@
 #include "base/text_lines.h"
 #include "command.h"
 #include "commands.h"
+#include "evaluation/truth_comparison.h"
 #include "files/file_operations.h"
 #include "files/model_files.h"
 #include "mapper_run.h"
@@ -18,8 +19,6 @@
 #include "mgsfm/report_page/figures.h"
 #include "mgsfm/report_page/report_page.h"
 #include "models/model_placement.h"
-#include "true_trajectory.h"
-#include "truth_comparison.h"
 
 namespace mgsfm {
 namespace {

@@ -236,13 +236,15 @@ void RenderImages(const SimulateCommandOptions& options,
   }
 }
 
+void CheckIsNew(const std::filesystem::path& path) {
+  if (!std::filesystem::exists(path)) return;
+  throw Error("'" + path.string() + "' exists; choose a new folder");
+}
+
 int RunRender(const SimulateCommandOptions& options, const Context& context) {
   const std::filesystem::path output_path = *options.output_path;
   StagedOutput output(output_path);  // finishes the output of a killed run
-  if (std::filesystem::exists(output_path / "images")) {
-    throw Error("'" + (output_path / "images").string() +
-                "' exists; choose a new folder");
-  }
+  CheckIsNew(output_path / "images");
   SimulationOptions simulation_options = options.simulation;
   simulation_options.random_seed = context.random_seed;
   SimulationInput input = ReadInput(options);
@@ -314,10 +316,7 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   if (options.render) return RunRender(options, context);
   const std::filesystem::path output_path = *options.output_path;
   StagedOutput output(output_path);  // finishes the output of a killed run
-  if (std::filesystem::exists(output_path / "database.db")) {
-    throw Error("'" + (output_path / "database.db").string() +
-                "' exists; choose a new folder");
-  }
+  CheckIsNew(output_path / "database.db");
   SimulationOptions simulation_options = options.simulation;
   simulation_options.random_seed = context.random_seed;
   const Simulation simulation =

@@ -174,7 +174,7 @@ int PrintResult(const CommandResult& result, const Context& context);
 
 // Prints log messages and progress to the standard error stream: on a terminal
 // a bar, elsewhere a line per minute. Signals interrupt what is run with it;
-// see interruption.h.
+// see terminal.h.
 Context MakeTerminalContext(const CommonOptions& options);
 
 // Command::call with options that already differ from their defaults.

@@ -87,26 +87,37 @@ void WriteFixedRegionMasks(const fs::path& folder, const Scene& scene,
   }
 }
 
+// A soft rig has one pose per image. Then each image is a frame of its own, so
+// that the tables agree.
+bool HasSeparateImages(const MapperModel& model) {
+  return model.soft_rig_images && model.soft_rig_images->summary.is_usable;
+}
+
+template <class Use>
+auto UsePoses(const Scene& scene, const MapperModel& model, const Use& use) {
+  if (!HasSeparateImages(model)) return use(scene, model.reconstruction);
+  return use(SeparateImages(scene),
+             SeparateImages(model.reconstruction,
+                            model.soft_rig_images->cam_from_world));
+}
+
 std::string MakePage(const std::string& title, const std::string& image_path,
                      const MapperInput& input, const MapperResult& result,
                      size_t model_idx, const std::string& report_json,
                      const Context& context) {
   const MapperModel& model = result.models[model_idx];
-  const bool has_separate_images =
-      model.soft_rig_images && model.soft_rig_images->summary.is_usable;
-  const auto make = [&](const Scene& scene, const Reconstruction& poses) {
-    ReportPageInput page{title, scene, poses};
-    page.view_graph = &input.view_graph;
-    page.report_json = report_json;
-    page.model_idx = model_idx;
-    page.image_path = image_path;
-    if (!has_separate_images) page.frame_confidence = model.confidence.of_frame;
-    return MakeReportPage(page, ReportPageOptions(), context);
-  };
-  if (!has_separate_images) return make(input.scene, model.reconstruction);
-  return make(SeparateImages(input.scene),
-              SeparateImages(model.reconstruction,
-                             model.soft_rig_images->cam_from_world));
+  return UsePoses(input.scene, model,
+                  [&](const Scene& scene, const Reconstruction& poses) {
+                    ReportPageInput page{title, scene, poses};
+                    page.view_graph = &input.view_graph;
+                    page.report_json = report_json;
+                    page.model_idx = model_idx;
+                    page.image_path = image_path;
+                    if (!HasSeparateImages(model)) {
+                      page.frame_confidence = model.confidence.of_frame;
+                    }
+                    return MakeReportPage(page, ReportPageOptions(), context);
+                  });
 }
 
 // Writes report.html into the folder of each model of a run. Returns the page
@@ -202,21 +213,6 @@ void LogSummary(const MapperRun& run, const Scene& scene,
   }
 }
 
-// A soft rig has one pose per image. Then each image is written as a frame of
-// its own, so that the tables agree.
-void WriteModelFiles(const fs::path& folder, const Scene& scene,
-                     const MapperModel& model, ModelFormat format,
-                     const Context& context) {
-  if (model.soft_rig_images && model.soft_rig_images->summary.is_usable) {
-    WriteModel(folder, SeparateImages(scene),
-               SeparateImages(model.reconstruction,
-                              model.soft_rig_images->cam_from_world),
-               format, context);
-  } else {
-    WriteModel(folder, scene, model.reconstruction, format, context);
-  }
-}
-
 void WriteModels(const MapperInput& input, const MapperResult& result,
                  ModelFormat format, const fs::path& output_path,
                  const Context& context) {
@@ -224,7 +220,10 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
     const fs::path folder = output_path / std::to_string(i);
     const Reconstruction& model = result.models[i].reconstruction;
     fs::create_directory(folder);
-    WriteModelFiles(folder, input.scene, result.models[i], format, context);
+    UsePoses(input.scene, result.models[i],
+             [&](const Scene& scene, const Reconstruction& poses) {
+               WriteModel(folder, scene, poses, format, context);
+             });
     WriteRigConfig((folder / "rig_config.json").string(), input.scene, model);
     const auto& registration = result.models[i].position_priors;
     const auto& origin_wgs84 = input.position_priors.origin_wgs84;

@@ -11,8 +11,8 @@
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "mgsfm/simulator/simulation.h"
-#include "simulator/drive.h"
-#include "simulator/vehicles.h"
+#include "simulator/detection.h"
+#include "simulator/road.h"
 #include "simulator/weak_cuts.h"
 
 namespace mgsfm {

@@ -9,9 +9,8 @@
 #include <vector>
 
 #include "base/random.h"
-#include "simulator/drive.h"
-#include "simulator/ground.h"
 #include "simulator/road.h"
+#include "simulator/street_painter.h"
 #include "simulator/street_surfaces.h"
 #include "simulator/world.h"
 

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include "geometry/so3.h"
-#include "simulator/drive.h"
 #include "simulator/road.h"
 #include "simulator/world.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "evaluation/evaluation_plot.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -30,8 +29,6 @@ constexpr const char* kModelStyle =
     "stroke='#0b62b0' stroke-width='1.6' "
     "stroke-linejoin='round'";
 constexpr const char* kMissingStyle = "stroke='#d1495b' stroke-width='1.6'";
-constexpr const char* kGridStyle = "stroke='#e6e6e6'";
-constexpr const char* kFrameStyle = "stroke='#888'";
 
 // A frame, represented by its reference image.
 struct PathPoint {
@@ -79,20 +76,11 @@ std::vector<PathPoint> CollectPath(const std::vector<ImagePoses>& images,
   return path;
 }
 
-// Axes of the top view, with the longest extent of the path along x.
-struct View {
-  Vector3d right = Vector3d::UnitX(), up = Vector3d::UnitY();
-
-  Vector2d Project(const Vector3d& x) const {
-    return {right.dot(x), up.dot(x)};
-  }
-};
-
-View ViewFromAbove(const std::vector<ImagePoses>& images,
-                   const std::vector<PathPoint>& path) {
-  Vector3d down = Vector3d::Zero(), mean = Vector3d::Zero();
+TopView ViewOf(const std::vector<ImagePoses>& images,
+               const std::vector<PathPoint>& path) {
+  Vector3d upward = Vector3d::Zero(), mean = Vector3d::Zero();
   for (const ImagePoses& image : images) {
-    down += image.cam_from_world.rotation.conjugate() * Vector3d::UnitY();
+    upward -= image.cam_from_world.rotation.conjugate() * Vector3d::UnitY();
   }
   for (const PathPoint& point : path) {
     mean += point.true_center / static_cast<double>(path.size());
@@ -102,29 +90,8 @@ View ViewFromAbove(const std::vector<ImagePoses>& images,
     const Vector3d offset = point.true_center - mean;
     scatter += offset * offset.transpose();
   }
-  const Vector3d toward_viewer =
-      down.norm() > 0.3 * static_cast<double>(images.size())
-          ? Vector3d(-down.normalized())
-          : Vector3d(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter)
-                         .eigenvectors()
-                         .col(0));
-  // The principal axis within the plane.
-  const Eigen::Matrix3d in_plane =
-      Eigen::Matrix3d::Identity() - toward_viewer * toward_viewer.transpose();
-  View view;
-  view.right = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(
-                   in_plane * scatter * in_plane)
-                   .eigenvectors()
-                   .col(2);
-  view.right = in_plane * view.right;
-  if (!(view.right.norm() > 0.5)) view.right = toward_viewer.unitOrthogonal();
-  view.right.normalize();
-  if (view.right.dot(path.back().true_center - path.front().true_center) <
-      0.0) {
-    view.right = -view.right;
-  }
-  view.up = toward_viewer.cross(view.right);
-  return view;
+  return ViewFromAbove(upward, images.size(), scatter,
+                       path.back().true_center - path.front().true_center);
 }
 
 // A rectangular plot with its axes.
@@ -198,7 +165,7 @@ Segments CollectSegments(const std::vector<PathPoint>& path,
 }
 
 // The true path with a margin and equal scale on both axes.
-Panel MakeMapPanel(const std::vector<PathPoint>& path, const View& view) {
+Panel MakeMapPanel(const std::vector<PathPoint>& path, const TopView& view) {
   Vector2d min = view.Project(path[0].true_center), max = min;
   for (const PathPoint& point : path) {
     const Vector2d place = view.Project(point.true_center);
@@ -233,7 +200,7 @@ void DrawLegend(const EvaluationLabels& labels, double y, SvgDrawing* drawing) {
   text("start", 100.0);
 }
 
-void DrawMap(const std::vector<PathPoint>& path, const View& view,
+void DrawMap(const std::vector<PathPoint>& path, const TopView& view,
              const EvaluationLabels& labels, const Panel& panel,
              SvgDrawing* drawing) {
   DrawAxes(panel, labels.length_unit,
@@ -325,7 +292,7 @@ std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
     drawing.Text({kLeft, 28.0}, "No image has a true pose.");
     return drawing.ToString();
   }
-  const View view = ViewFromAbove(images, path);
+  const TopView view = ViewOf(images, path);
   const Panel map = MakeMapPanel(path, view);
   const double first_top = kHeader + map.size.y() + kGap;
   const double second_top = first_top + kErrorPanel + kGap;

@@ -8,6 +8,11 @@
 
 namespace mgsfm {
 
+// "m", or "units" of a ground truth that is not metric.
+inline const char* LengthUnitName(const Evaluation& evaluation) {
+  return evaluation.is_metric ? "m" : "units";
+}
+
 // The names that a plot gives its content.
 struct EvaluationLabels {
   std::string reference = "ground truth";

@@ -47,6 +47,25 @@ class SvgDrawing {
   int num_clips_ = 0;
 };
 
+constexpr char kGridStyle[] = "stroke='#e6e6e6'";
+constexpr char kFrameStyle[] = "stroke='#888'";
+
+// The axes of a drawing from above.
+struct TopView {
+  Eigen::Vector3d right, up;
+
+  Eigen::Vector2d Project(const Eigen::Vector3d& x) const {
+    return {right.dot(x), up.dot(x)};
+  }
+};
+
+// The view along the sum of the upward axes of cameras, or along the axis of
+// least extent if they point everywhere. The longest extent in the plane is
+// horizontal, and `travel` goes to the right.
+TopView ViewFromAbove(const Eigen::Vector3d& sum_of_upward, size_t num_cameras,
+                      const Eigen::Matrix3d& scatter,
+                      const Eigen::Vector3d& travel);
+
 // Formats with at most `digits` decimals and without trailing zeros.
 // Independent of the locale.
 std::string FormatNumber(double value, int digits);

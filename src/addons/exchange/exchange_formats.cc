@@ -3,9 +3,12 @@
 
 #include <algorithm>
 #include <cctype>
+#include <charconv>
+#include <set>
 
-#include "exchange/exported_names.h"
+#include "base/text_tools.h"
 #include "exchange/formats.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/rigs/rig_config.h"
 
 namespace mgsfm {
@@ -18,7 +21,7 @@ std::vector<ExportedFile> WriteRigConfigJson(const ExportInput& input) {
 constexpr ExchangeFormat kFormats[] = {
     {"ply", WritePly},
     {"nvm", WriteNvm, LossesInNvm},
-    {"bundler", WriteBundler, LossesInBundler},
+    {"bundler", WriteBundler, MovedPrincipalPoints},
     {"tum", WriteTum},
     {"kitti", WriteKitti},
     {"euroc", WriteEuroc},
@@ -35,14 +38,9 @@ constexpr ExchangeFormat kFormats[] = {
 }  // namespace
 
 const ExchangeFormat* FindExchangeFormat(std::string_view name) {
-  const auto is_same = [](char a, char b) {
-    return std::tolower(static_cast<unsigned char>(a)) == b;
-  };
+  const std::string lower = ToLower(std::string(name));
   for (const ExchangeFormat& format : kFormats) {
-    if (std::equal(name.begin(), name.end(), format.name.begin(),
-                   format.name.end(), is_same)) {
-      return &format;
-    }
+    if (format.name == lower) return &format;
   }
   return nullptr;
 }
@@ -53,6 +51,101 @@ std::vector<std::string> ExchangeFormatNames() {
     names.emplace_back(format.name);
   }
   return names;
+}
+
+std::string Digits(double value) {
+  char digits[32];
+  const double printed = value == 0.0 ? 0.0 : value;  // never -0
+  return {digits, std::to_chars(digits, digits + sizeof(digits), printed).ptr};
+}
+
+std::string NumberList(const std::vector<double>& values) {
+  std::string text = "[";
+  for (size_t i = 0; i < values.size(); ++i) {
+    text += (i > 0 ? ", " : "") + Digits(values[i]);
+  }
+  return text + "]";
+}
+
+std::vector<std::string> PlainSensorNames(const Scene& scene) {
+  std::vector<std::string> names;
+  std::set<std::string> taken;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    std::string name = scene.sensors[i].name;
+    while (!name.empty() && name.back() == '/') name.pop_back();
+    for (char& c : name) {
+      const bool is_plain =
+          c == '-' || std::isalnum(static_cast<unsigned char>(c)) != 0;
+      if (!is_plain) c = '_';
+    }
+    if (name.empty()) name = "camera";
+    std::string unique = name;
+    for (size_t number = i; !taken.insert(unique).second; ++number) {
+      unique = name + "_" + std::to_string(number);
+    }
+    names.push_back(unique);
+  }
+  return names;
+}
+
+std::vector<int> RegisteredFrames(const ExportInput& input) {
+  const Scene& scene = input.scene;
+  std::vector<int> frame_idxs;
+  for (const int frame_idx : OrderOfFrames(scene)) {
+    const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
+    if (std::any_of(images.begin(), images.end(), [&](int image_idx) {
+          return input.model.IsRegistered(scene, image_idx);
+        })) {
+      frame_idxs.push_back(frame_idx);
+    }
+  }
+  return frame_idxs;
+}
+
+int OnlyRig(const ExportInput& input, const std::string& format,
+            const std::string& remedy) {
+  std::set<int> rig_idxs;
+  for (const int frame_idx : RegisteredFrames(input)) {
+    rig_idxs.insert(input.scene.frames[frame_idx].rig_idx);
+  }
+  if (rig_idxs.size() == 1) return *rig_idxs.begin();
+  std::string names;
+  for (const int rig_idx : rig_idxs) {
+    const Rig& rig = input.scene.rigs[rig_idx];
+    names += (names.empty() ? "'" : ", '") +
+             input.scene.sensors[rig.ref_sensor_idx].name + "'";
+  }
+  throw Error(format + " holds one rig, but the model has " +
+              std::to_string(rig_idxs.size()) + ", of cameras " + names + "; " +
+              remedy);
+}
+
+std::vector<int> PosedSensors(const ExportInput& input, int rig_idx) {
+  const Rig& rig = input.scene.rigs[rig_idx];
+  std::vector<int> sensor_idxs = {rig.ref_sensor_idx};
+  for (const int sensor_idx : rig.sensor_idxs) {
+    if (sensor_idx != rig.ref_sensor_idx &&
+        input.model.sensor_from_rig[sensor_idx]) {
+      sensor_idxs.push_back(sensor_idx);
+    }
+  }
+  return sensor_idxs;
+}
+
+std::vector<std::string> SensorsWithoutPose(const ExportInput& input) {
+  std::vector<std::string> messages;
+  for (const Rig& rig : input.scene.rigs) {
+    for (const int sensor_idx : rig.sensor_idxs) {
+      if (sensor_idx == rig.ref_sensor_idx ||
+          input.model.sensor_from_rig[sensor_idx]) {
+        continue;
+      }
+      messages.push_back("camera '" + input.scene.sensors[sensor_idx].name +
+                         "' is left out, as the model has no pose of it in "
+                         "the rig");
+    }
+  }
+  return messages;
 }
 
 }  // namespace mgsfm

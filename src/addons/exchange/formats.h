@@ -1,13 +1,38 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "exchange/exchange_formats.h"
 
 namespace mgsfm {
 
-// One per file of this folder; docs/reference/exchange.md describes them.
+// The shortest number that reads back as this value, in any locale.
+std::string Digits(double value);
+// "[1.5, 2]", as in YAML.
+std::string NumberList(const std::vector<double>& values);
+
+// Names of sensors that serve as file names and as frames of ROS: letters,
+// digits, '_' and '-'; all different.
+std::vector<std::string> PlainSensorNames(const Scene& scene);
+
+// The frames with a registered image, in the natural order of their names.
+std::vector<int> RegisteredFrames(const ExportInput& input);
+
+// The index of the rig with registered frames. Throws Error, naming the format,
+// if there are several.
+int OnlyRig(const ExportInput& input, const std::string& format,
+            const std::string& remedy);
+
+// The sensors of a rig that have a pose, the reference first.
+std::vector<int> PosedSensors(const ExportInput& input, int rig_idx);
+
+// A message for each sensor that PosedSensors leaves out.
+std::vector<std::string> SensorsWithoutPose(const ExportInput& input);
+
+// The formats that docs/reference/exchange.md describes.
 
 // The points with their colors, binary.
 std::vector<ExportedFile> WritePly(const ExportInput& input);
@@ -16,7 +41,8 @@ std::vector<ExportedFile> WritePly(const ExportInput& input);
 std::vector<ExportedFile> WriteNvm(const ExportInput& input);
 std::vector<ExportedFile> WriteBundler(const ExportInput& input);
 std::vector<std::string> LossesInNvm(const ExportInput& input);
-std::vector<std::string> LossesInBundler(const ExportInput& input);
+// A message for each camera whose principal point is not the center.
+std::vector<std::string> MovedPrincipalPoints(const ExportInput& input);
 
 // Trajectories world_from_rig or world_from_cam. TUM and EuRoC need a time of
 // each image (Image::timestamp_s, or a name that is one).

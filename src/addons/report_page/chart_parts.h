@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -10,13 +11,38 @@
 
 namespace mgsfm {
 
+// Finds places for the labels of points in a rectangle of a drawing, such that
+// they overlap neither each other nor what is drawn there.
+class LabelPlacement {
+ public:
+  explicit LabelPlacement(const Eigen::AlignedBox2d& bounds)
+      : bounds_(bounds) {}
+
+  // Labels avoid this box if they can.
+  void Avoid(const Eigen::AlignedBox2d& box) { occupied_.push_back(box); }
+
+  // The middle of a label of a point: `preferred` if that is free, else the
+  // nearest free place around `point`, else the one that covers least.
+  Eigen::Vector2d Place(const Eigen::Vector2d& point,
+                        const Eigen::Vector2d& preferred,
+                        const std::string& text);
+
+  // The size of a text in the style of charts, which viewers may exceed
+  // slightly.
+  static Eigen::Vector2d SizeOf(const std::string& text);
+
+ private:
+  double Overlap(const Eigen::AlignedBox2d& box) const;
+
+  Eigen::AlignedBox2d bounds_;
+  std::vector<Eigen::AlignedBox2d> occupied_;
+};
+
 // SVG attributes that the charts share.
 constexpr char kTextStyle[] = "font-size='12'";
 constexpr char kMutedStyle[] = "font-size='12' opacity='0.7'";
 constexpr char kRightStyle[] = "font-size='12' text-anchor='end'";
 constexpr char kCenterStyle[] = "font-size='12' text-anchor='middle'";
-constexpr char kGridStyle[] = "stroke='#e6e6e6'";
-constexpr char kFrameStyle[] = "stroke='#888'";
 
 // Colors of sensors in charts and in the 3D view (web/src/colors.js).
 std::string SensorColor(int order);

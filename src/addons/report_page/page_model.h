@@ -1,28 +1,108 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/report_page/report_page.h"
-#include "report_page/statistics.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
+
+// Projects points with the poses and cameras of a model.
+class Projector {
+ public:
+  Projector(const Scene& scene, const Reconstruction& reconstruction);
+
+  const std::optional<Rigid3>& CamFromWorld(int image_idx) const {
+    return cam_from_world_[image_idx];
+  }
+  // Projection minus keypoint. nullopt if the image has no pose or the camera
+  // does not see the point.
+  std::optional<Eigen::Vector2d> ResidualPx(
+      const Observation& observation,
+      const Eigen::Vector3d& point_in_world) const;
+
+ private:
+  const Scene& scene_;
+  const Reconstruction& reconstruction_;
+  std::vector<std::optional<Rigid3>> cam_from_world_;
+};
+
+struct ImageStatistics {
+  size_t num_points = 0;
+  size_t num_errors = 0;  // of the points that the camera sees
+  double sum_errors_px = 0.0;
+
+  std::optional<double> MeanErrorPx() const {
+    if (num_errors == 0) return std::nullopt;
+    return sum_errors_px / static_cast<double>(num_errors);
+  }
+};
+
+// Residuals in one part of the image plane.
+struct ImageCell {
+  size_t num_residuals = 0;
+  double sum_errors_px = 0.0;
+  Eigen::Vector2d sum_residuals_px = Eigen::Vector2d::Zero();
+};
+
+struct SensorStatistics {
+  static constexpr int kNumColumns = 24;  // of cells in the error map
+  // The histogram ends at 4 px, the default of max_max_error.
+  static constexpr double kBinPx = 0.1;
+  static constexpr size_t kNumBins = 40;  // the last one takes larger errors
+
+  size_t num_images = 0;
+  size_t num_registered = 0;
+  ImageStatistics errors;
+  std::array<size_t, kNumBins> error_histogram = {};
+  int num_rows = 1;
+  std::vector<ImageCell> cells;  // row by row
+};
+
+struct PageStatistics {
+  std::vector<ImageStatistics> images;
+  std::vector<SensorStatistics> sensors;
+  std::vector<size_t> num_tracks_of_length;
+  size_t num_registered_images = 0;
+  size_t num_registered_frames = 0;
+  size_t num_observations = 0;
+  ImageStatistics errors;
+};
+
+// Linear in observations.
+PageStatistics ComputeStatistics(const Scene& scene,
+                                 const Reconstruction& reconstruction,
+                                 const Projector& projector,
+                                 const Context& context);
 
 // The common input of all parts of the page.
 struct PageModel {
   const ReportPageInput& input;
-  const Projector& projector;
-  const ModelStatistics& statistics;
+  Projector projector;
+  PageStatistics statistics;
   // The report of the run, and its entry for the model; empty objects if there
   // is none.
   nlohmann::ordered_json report;
   nlohmann::ordered_json model_report;
 };
+
+// Warns, and returns an empty object, if the text is none.
+nlohmann::ordered_json ParseReport(const std::string& text,
+                                   const Context& context);
+
+PageModel MakePageModel(const ReportPageInput& input,
+                        nlohmann::ordered_json report, const Context& context);
 
 // The value of a key of an object, else null. Reports may be of other versions,
 // so every value may be missing or have another type.
@@ -42,22 +122,6 @@ inline const nlohmann::ordered_json& GetArray(
   return value.is_array() ? value : kEmpty;
 }
 
-// The indices of the frames in [first name, last name].
-inline std::optional<std::pair<int, int>> FrameRange(
-    const nlohmann::ordered_json& names,
-    const std::map<std::string, int>& frame_of_name) {
-  if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
-      !names[1].is_string()) {
-    return std::nullopt;
-  }
-  const auto first = frame_of_name.find(names[0].get<std::string>());
-  const auto last = frame_of_name.find(names[1].get<std::string>());
-  if (first == frame_of_name.end() || last == frame_of_name.end()) {
-    return std::nullopt;
-  }
-  return std::make_pair(first->second, last->second);
-}
-
 inline std::string GetText(const nlohmann::ordered_json& object,
                            const char* key) {
   const nlohmann::ordered_json& value = Get(object, key);
@@ -71,15 +135,19 @@ inline std::optional<double> GetNumber(const nlohmann::ordered_json& object,
   return value.get<double>();
 }
 
+std::map<std::string, int> FramesByName(const Scene& scene);
+
+// The indices of the frames in [first name, last name].
+std::optional<std::pair<int, int>> FrameRange(
+    const nlohmann::ordered_json& names,
+    const std::map<std::string, int>& frame_of_name);
+
 // "m" if the report states that the model is metric, else "units".
-inline std::string LengthUnit(const PageModel& model) {
-  const nlohmann::ordered_json& models =
-      GetArray(Get(model.report, "summary"), "models");
-  const size_t i = model.input.model_idx;
-  const bool is_metric =
-      i < models.size() &&
-      GetText(models[i], "unit_of_length").compare(0, 6, "metric") == 0;
-  return is_metric ? "m" : "units";
-}
+std::string LengthUnit(const PageModel& model);
+
+// The places of the seams of the report as pairs of frames [before, after].
+// Each side of a seam consists of stretches of frames, and a seam lies where
+// stretches of different sides follow each other.
+std::set<std::pair<int, int>> SeamPlaces(const PageModel& model);
 
 }  // namespace mgsfm

@@ -3,18 +3,40 @@
 
 #include <algorithm>
 
+#include "evaluation/evaluation_plot.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/version.h"
+#include "mgsfm/report_page/figures.h"
+#include "report_page/charts.h"
 #include "report_page/encoding.h"
-#include "report_page/page_asset.h"
-#include "report_page/page_model.h"
-#include "report_page/scene_data.h"
 #include "report_page/sections.h"
+
+// The assembler includes the file, which costs the compiler nothing.
+asm(R"(
+  .pushsection .rodata
+  .global mgsfm_page_asset_begin
+  .global mgsfm_page_asset_end
+mgsfm_page_asset_begin:
+  .incbin ")" MGSFM_PAGE_ASSET_PATH R"("
+mgsfm_page_asset_end:
+  .byte 0
+  .popsection
+)");
+
+extern "C" {
+extern const char mgsfm_page_asset_begin[];
+extern const char mgsfm_page_asset_end[];
+}
 
 namespace mgsfm {
 namespace {
 
-using Json = nlohmann::ordered_json;
+// The page without content, which web/build.mjs makes from web/src. It has the
+// marks <!--title-->, <!--summary-->, <!--details-->, and in elements of their
+// own /*header*/ and /*arrays*/.
+std::string_view PageAsset() {
+  return {mgsfm_page_asset_begin,
+          static_cast<size_t>(mgsfm_page_asset_end - mgsfm_page_asset_begin)};
+}
 
 // Replaces the marks of the template, each of which occurs once, in order.
 std::string FillTemplate(
@@ -33,35 +55,6 @@ std::string FillTemplate(
   return filled;
 }
 
-void WarnOfNewerVersion(const std::string& version, const Context& context) {
-  try {
-    if (version.empty() || !IsNewerVersion(version)) return;
-    context.Warning("the report of the run was written by mgsfm " + version +
-                    ", which is newer than this " + Version() +
-                    "; what has changed is missing in the page");
-  } catch (const Error& error) {
-    context.Warning(std::string("the report of the run: ") + error.what());
-  }
-}
-
-Json ParseReport(const std::string& text, const Context& context) {
-  if (text.empty()) return Json::object();
-  Json report = Json::parse(text, nullptr, false);
-  if (!report.is_object()) {
-    context.Warning(
-        "the report of the run is not a JSON object; it is ignored");
-    return Json::object();
-  }
-  WarnOfNewerVersion(GetText(report, "mgsfm_version"), context);
-  return report;
-}
-
-Json ModelEntry(const Json& report, size_t model_idx) {
-  const Json& models = Get(report, "models");
-  if (!models.is_array() || model_idx >= models.size()) return Json::object();
-  return models[model_idx];
-}
-
 // Sources of scripts and data that the page may use, besides itself.
 constexpr char kNowhere[] = "";
 constexpr char kItsServer[] = "; connect-src 'self'";
@@ -76,12 +69,8 @@ struct PageParts {
 
 PageParts MakeParts(const ReportPageInput& input, size_t num_used_bytes,
                     const ReportPageOptions& options, const Context& context) {
-  const Projector projector(input.scene, input.reconstruction);
-  const ModelStatistics statistics =
-      ComputeStatistics(input.scene, input.reconstruction, projector, context);
-  PageModel model{input, projector, statistics,
-                  ParseReport(input.report_json, context), Json::object()};
-  model.model_report = ModelEntry(model.report, input.model_idx);
+  const PageModel model =
+      MakePageModel(input, ParseReport(input.report_json, context), context);
   PageParts parts{SummarySection(model), DetailSections(model), {}};
   num_used_bytes += parts.summary.size() + parts.details.size();
   ReportPageOptions left = options;
@@ -131,6 +120,28 @@ std::string MakeLiveModel(const ReportPageInput& input,
          ",\"details\":" + ToScriptJson(parts.details) +
          ",\"header\":" + parts.data.header_json + ",\"arrays\":\"" +
          parts.data.arrays_base64 + "\"}";
+}
+
+std::vector<Figure> MakeFigures(const ReportPageInput& input,
+                                const Context& context) {
+  const PageModel model =
+      MakePageModel(input, ParseReport(input.report_json, Context()), context);
+  std::vector<Figure> figures = {{"trajectory", TrajectoryChart(model)},
+                                 {"rig", RigChart(model)},
+                                 {"residuals", ErrorMapChart(model)},
+                                 {"view_graph", ViewGraphChart(model)}};
+  if (input.truth) {
+    EvaluationLabels labels;
+    labels.length_unit = LengthUnitName(input.truth->evaluation);
+    figures.push_back(
+        {"errors", EvaluationToSvg(input.truth->images, input.truth->evaluation,
+                                   labels)});
+  }
+  std::vector<Figure> shown;
+  for (Figure& figure : figures) {
+    if (!figure.svg.empty()) shown.push_back(std::move(figure));
+  }
+  return shown;
 }
 
 }  // namespace mgsfm

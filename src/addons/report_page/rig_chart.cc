@@ -9,7 +9,6 @@
 #include "report_page/chart_parts.h"
 #include "report_page/charts.h"
 #include "report_page/encoding.h"
-#include "report_page/label_placement.h"
 
 namespace mgsfm {
 namespace {

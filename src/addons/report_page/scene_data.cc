@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "report_page/scene_data.h"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,9 +8,8 @@
 #include "base/fingerprint.h"
 #include "geometry/so3.h"
 #include "report_page/encoding.h"
-#include "report_page/point_selection.h"
-#include "report_page/seams.h"
-#include "report_page/thumbnails.h"
+#include "report_page/page_selection.h"
+#include "report_page/sections.h"
 
 namespace mgsfm {
 namespace {

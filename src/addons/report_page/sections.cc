@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "base/text_streams.h"
-#include "evaluation/error_statistics.h"
 #include "evaluation/evaluation_plot.h"
 #include "evaluation/svg.h"
 #include "geometry/so3.h"
@@ -25,6 +24,12 @@ constexpr size_t kMaxRows = 60;
 std::string Text(const std::string& text) {
   constexpr size_t kMaxBytes = 600;  // a cell of some lines
   return "<bdi>" + EscapeHtml(Shorten(text, kMaxBytes)) + "</bdi>";
+}
+
+// "two words" of "two_words".
+std::string WithBlanks(std::string name) {
+  std::replace(name.begin(), name.end(), '_', ' ');
+  return name;
 }
 
 std::string Number(std::optional<double> value, int digits,
@@ -109,7 +114,7 @@ std::string Card(const std::string& value, const std::string& label) {
 }
 
 std::string Cards(const PageModel& model) {
-  const ModelStatistics& s = model.statistics;
+  const PageStatistics& s = model.statistics;
   const Scene& scene = model.input.scene;
   std::string html = "<div class=\"cards\">";
   html += Card(Count(s.num_registered_images) + "&thinsp;/&thinsp;" +
@@ -223,10 +228,8 @@ std::string ReportSummary(const PageModel& model) {
     std::vector<Row> rows;
     for (const auto& [key, value] : summary.items()) {
       if (value.is_structured() || value.is_null() || IsOnCards(key)) continue;
-      std::string name = key;
-      std::replace(name.begin(), name.end(), '_', ' ');
       rows.push_back(
-          {Text(name),
+          {Text(WithBlanks(key)),
            Text(value.is_string() ? value.get<std::string>() : value.dump())});
     }
     html += Table({"", "value"}, rows);
@@ -305,9 +308,8 @@ std::string Stretches(const Json& stretches) {
 std::string SeamTable(const PageModel& model) {
   std::vector<Row> rows;
   for (const Json& seam : GetArray(model.model_report, "seams")) {
-    std::string reason = GetText(seam, "reason");
-    std::replace(reason.begin(), reason.end(), '_', ' ');
-    rows.push_back({Text(reason), Stretches(GetArray(seam, "frames_before")),
+    rows.push_back({Text(WithBlanks(GetText(seam, "reason"))),
+                    Stretches(GetArray(seam, "frames_before")),
                     Stretches(GetArray(seam, "frames_after")),
                     Number(GetNumber(seam, "num_pairs"), 0),
                     Number(GetNumber(seam, "num_tracks"), 0),
@@ -378,10 +380,9 @@ std::string RejectedPairsTable(const PageModel& model) {
   const Json& rejected = Get(model.report, "rejected_pairs");
   if (rejected.is_object()) {
     for (const auto& [reason, count] : rejected.items()) {
-      std::string name = reason;
-      std::replace(name.begin(), name.end(), '_', ' ');
       if (count.is_number() && count.get<double>() > 0) {
-        rows.push_back({Text(name), Number(count.get<double>(), 0)});
+        rows.push_back(
+            {Text(WithBlanks(reason)), Number(count.get<double>(), 0)});
       }
     }
   }

@@ -2,13 +2,13 @@
 #include "mgsfm/base/options.h"
 
 #include <algorithm>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <numeric>
 
 #include "base/option_range.h"
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "mgsfm/base/options_io.h"
 
 namespace mgsfm {
@@ -105,13 +105,6 @@ void CheckValue(const OptionEntry& entry, const OptionValue& value) {
   } else if (const auto* real = std::get_if<double>(&value)) {
     CheckNumber(entry, *real);
   }
-}
-
-std::string ToLower(std::string text) {
-  for (char& c : text) {
-    c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  }
-  return text;
 }
 
 std::string WithoutSection(const std::string& name) {

@@ -1,9 +1,28 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base/text_tools.h"
 
+#include <cctype>
+
 #include "base/text_streams.h"
 
 namespace mgsfm {
+
+std::string ToLower(std::string text) {
+  for (char& c : text) {
+    c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  }
+  return text;
+}
+
+std::string FolderOfName(const std::string& image_name) {
+  const size_t slash = image_name.rfind('/');
+  return slash == std::string::npos ? "" : image_name.substr(0, slash);
+}
+
+std::string StemOfName(const std::string& image_name) {
+  const std::string file = image_name.substr(image_name.rfind('/') + 1);
+  return file.substr(0, file.rfind('.'));
+}
 
 std::string EscapeMarkup(std::string_view text) {
   std::string escaped;

@@ -7,6 +7,13 @@
 
 namespace mgsfm {
 
+// Changes ASCII letters only.
+std::string ToLower(std::string text);
+
+// "a/b" and "c" of "a/b/c.jpg".
+std::string FolderOfName(const std::string& image_name);
+std::string StemOfName(const std::string& image_name);
+
 // The text for HTML, XML or SVG, with entities for & < > " and '.
 std::string EscapeMarkup(std::string_view text);
 

@@ -11,6 +11,7 @@
 #include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "base/text_tools.h"
 #include "files/file_operations.h"
 #include "files/image_limits.h"
 #include "files/image_reading.h"
@@ -25,12 +26,6 @@ namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
-
-// "a/b" of "a/b/c.jpg"; "" for images in no folder.
-std::string FolderOf(const std::string& name) {
-  const size_t slash = name.rfind('/');
-  return slash == std::string::npos ? "" : name.substr(0, slash);
-}
 
 // The images of one folder, which have one size.
 struct ImageFolder {
@@ -108,7 +103,7 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
       continue;
     }
     const auto [found, is_new] = folder_of_path.emplace(
-        FolderOf(name), static_cast<int>(plan.folders.size()));
+        FolderOfName(name), static_cast<int>(plan.folders.size()));
     if (is_new) {
       plan.folders.push_back(PlanFolder(found->first, *size, kind, options));
     }
@@ -157,7 +152,8 @@ std::string Settings(const SplittingInput& input, const Plan& plan,
 
 // "a/pano_front/" for the view "front" of images in "a/pano".
 std::string PrefixOfView(const std::string& folder, const std::string& view) {
-  return FolderOf(NameOfView(folder.empty() ? "x" : folder + "/x", view)) + "/";
+  return FolderOfName(NameOfView(folder.empty() ? "x" : folder + "/x", view)) +
+         "/";
 }
 
 // The poses of folders of images in their rig, by paths of folders.
@@ -212,8 +208,8 @@ std::vector<RigConfigCamera> CamerasOf(
 std::vector<RigConfig> MakeRigs(const Plan& plan, const FolderPoses& poses) {
   std::map<std::string, std::vector<const ImageFolder*>> panoramas, others;
   for (const ImageFolder& folder : plan.folders) {
-    (folder.is_combined ? panoramas : others)[FolderOf(folder.path)].push_back(
-        &folder);
+    (folder.is_combined ? panoramas : others)[FolderOfName(folder.path)]
+        .push_back(&folder);
   }
   std::vector<RigConfig> rigs;
   for (const auto& [parent, folders] : panoramas) {

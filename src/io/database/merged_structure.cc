@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/text_tools.h"
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
 #include "math/union_find.h"
@@ -16,11 +17,6 @@ namespace mgsfm {
 namespace {
 
 constexpr size_t kNone = std::numeric_limits<size_t>::max();
-
-std::string FolderOf(const std::string& image_name) {
-  const size_t slash = image_name.rfind('/');
-  return slash == std::string::npos ? "" : image_name.substr(0, slash);
-}
 
 auto Intrinsics(const Camera& camera) {
   return std::tie(camera.model, camera.width_px, camera.height_px,
@@ -227,7 +223,7 @@ void CameraMerger::JoinNodes(size_t input,
   for (const ImageRow& image : in.contents.images) {
     const size_t node = node_of_id.at(image.camera_id);
     Join(node, "image " + NameIn(in, image.name));
-    nodes_of_folder[FolderOf(image.name)].insert(node);
+    nodes_of_folder[FolderOfName(image.name)].insert(node);
   }
   for (const auto& [id, name] : in.shard_cameras) {
     const auto found = node_of_id.find(id);

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "simulator/isolated_pairs.h"
-
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -9,7 +7,9 @@
 
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
+#include "math/random_vector.h"
 #include "mgsfm/base/mask.h"
+#include "simulator/pair_making.h"
 #include "simulator/random_streams.h"
 
 namespace mgsfm {
@@ -25,14 +25,6 @@ constexpr int kNumTrials = 50;  // motions tried for a pair
 // of the minimum number of matches.
 constexpr double kUnrelatedShare = 0.34;
 
-Eigen::Vector3d RandomNormal(Random* random, double x, double y, double z) {
-  Eigen::Vector3d v;
-  v.x() = x * random->Normal();
-  v.y() = y * random->Normal();
-  v.z() = z * random->Normal();
-  return v;
-}
-
 class IsolatedPairMaker {
  public:
   IsolatedPairMaker(const SimulationOptions& options,
@@ -46,7 +38,7 @@ class IsolatedPairMaker {
         maker_(maker),
         plans_(plans),
         photographs_(*photographs) {
-    for (const Features& features : photographs_.features) {
+    for (const SimulatedFeatures& features : photographs_.features) {
       num_features_.push_back(features.size());
     }
   }
@@ -71,16 +63,121 @@ class IsolatedPairMaker {
   }
 
  private:
-  std::optional<PairPlan> FindUnrelated(Random* random) const;
-  Rigid3 RandomPose(const PairPlan& plan, Random* random) const;
+  std::optional<PairPlan> FindUnrelated(Random* random) const {
+    const auto num_images = static_cast<uint32_t>(num_features_.size());
+    const int i = static_cast<int>(random->Index(num_images));
+    const int j = static_cast<int>(random->Index(num_images));
+    const PairPlan plan{std::min(i, j), std::max(i, j)};
+    if (i == j || made_.count({plan.image1, plan.image2}) > 0 ||
+        std::binary_search(plans_.begin(), plans_.end(), plan) ||
+        NumCommonPoints(photographs_.features[i], photographs_.features[j],
+                        kClutter) >
+            kUnrelatedShare * options_.min_num_matches) {
+      return std::nullopt;
+    }
+    return plan;
+  }
+
+  // A motion of a few meters, mostly forward or backward, with a slight turn.
+  Rigid3 RandomPose(const PairPlan& plan, Random* random) const {
+    const Eigen::Vector3d turn =
+        DegToRad(1.0) *
+        NormalVector(random).cwiseProduct(Eigen::Vector3d(2.0, 6.0, 2.0));
+    const double sign = random->Uniform() < 0.5 ? -1.0 : 1.0;
+    const double length_m = random->Uniform(1.5, 10.0);
+    const Eigen::Vector3d direction =
+        Eigen::Vector3d(0.0, 0.0, sign) +
+        NormalVector(random).cwiseProduct(Eigen::Vector3d(0.15, 0.05, 0.0));
+    const Rigid3 rig2_from_rig1 =
+        Rigid3::FromRotationAndCenter(ExpSO3(turn), length_m * direction);
+    const auto& sensor_from_rig = [this](int image) -> const Rigid3& {
+      return rig_[photographs_.exposures[image].camera].sensor_from_rig;
+    };
+    return sensor_from_rig(plan.image2) * rig2_from_rig1 *
+           sensor_from_rig(plan.image1).Inverse();
+  }
+
   std::vector<Match> MakeMatches(const PairPlan& plan,
-                                 const Rigid3& cam2_from_cam1, Random* random);
+                                 const Rigid3& cam2_from_cam1, Random* random) {
+    const size_t num_wanted =
+        std::max(*options_.min_num_matches,
+                 kMinNumMatches + static_cast<int>(random->Index(
+                                      kMaxNumMatches - kMinNumMatches + 1)));
+    const Rigid3 pose{cam2_from_cam1.rotation,
+                      cam2_from_cam1.translation.normalized()};
+    const auto num_features1 =
+        static_cast<uint32_t>(num_features_[plan.image1]);
+    Mask is_taken1(num_features1, false);
+    Mask is_taken2(num_features_[plan.image2], false);
+    std::vector<Match> matches;
+    for (size_t i = 0; i < 5 * num_wanted && num_features1 > 0; ++i) {
+      if (matches.size() == num_wanted) break;
+      const uint32_t feature1 = random->Index(num_features1);
+      const double depth_m = 4.0 * std::exp(random->Uniform(0.0, 2.7));
+      const bool is_new = random->Uniform() < 0.5;
+      if (is_taken1[feature1] != 0) continue;
+      const Eigen::Vector3d ray1 =
+          photographs_.features[plan.image1].rays[feature1];
+      int feature2 =
+          is_new ? -1 : FindFitting(plan, pose, ray1, is_taken2, random);
+      if (feature2 >= 0) {
+        is_taken2[feature2] = 1;
+      } else {
+        feature2 = AddFitting(plan, cam2_from_cam1 * (depth_m * ray1), random);
+      }
+      if (feature2 < 0) continue;
+      is_taken1[feature1] = 1;
+      matches.push_back({feature1, static_cast<uint32_t>(feature2)});
+    }
+    return matches;
+  }
+
+  // A feature of image 2 that fits up to noise; -1 if there is none.
   int FindFitting(const PairPlan& plan, const Rigid3& pose,
                   const Eigen::Vector3d& ray1, const Mask& is_taken,
-                  Random* random) const;
+                  Random* random) const {
+    const double max_error_rad = maker_.ErrorInRadians(
+        plan.image1, plan.image2, kMaxError_sigma * options_.pixel_noise_px);
+    const SimulatedFeatures& features2 = photographs_.features[plan.image2];
+    std::vector<int> fitting;
+    for (size_t i = 0; i < is_taken.size(); ++i) {
+      const Eigen::Vector3d& ray2 = features2.rays[i];
+      if (is_taken[i] == 0 &&
+          std::abs(SampsonAngle(pose, ray1, ray2)) < max_error_rad &&
+          IsInFront(pose, ray1, ray2, 0.0)) {
+        fitting.push_back(static_cast<int>(i));
+      }
+    }
+    if (fitting.empty()) return -1;
+    return fitting[random->Index(static_cast<uint32_t>(fitting.size()))];
+  }
+
+  // Returns -1 if the point is outside the image.
   int AddFitting(const PairPlan& plan, const Eigen::Vector3d& point_in_cam2,
-                 Random* random);
-  void RemoveNew(int image, size_t num_before);
+                 Random* random) {
+    const int camera_number = photographs_.exposures[plan.image2].camera;
+    const SimulatedCamera& camera = rig_[camera_number];
+    const auto pixel =
+        ProjectToPixel(camera.model, camera.params.data(), point_in_cam2);
+    const double noise_x = options_.pixel_noise_px * random->Normal();
+    const double noise_y = options_.pixel_noise_px * random->Normal();
+    if (!pixel || pixel->x() < 0 || pixel->y() < 0 ||
+        pixel->x() >= camera.width_px || pixel->y() >= camera.height_px) {
+      return -1;
+    }
+    SimulatedFeatures& features2 = photographs_.features[plan.image2];
+    const bool is_seen = detector_.Append(
+        camera_number, kClutter, *pixel + Eigen::Vector2d(noise_x, noise_y),
+        &features2);
+    return is_seen ? static_cast<int>(features2.size()) - 1 : -1;
+  }
+
+  void RemoveNew(int image, size_t num_before) {
+    SimulatedFeatures& features = photographs_.features[image];
+    features.identities.resize(num_before);
+    features.keypoints_px.resize(num_before);
+    features.rays.resize(num_before);
+  }
 
   const SimulationOptions& options_;
   const std::vector<SimulatedCamera>& rig_;
@@ -92,120 +189,6 @@ class IsolatedPairMaker {
       num_features_;  // per image, excluding features added here
   std::set<std::pair<int, int>> made_;
 };
-
-std::optional<PairPlan> IsolatedPairMaker::FindUnrelated(Random* random) const {
-  const auto num_images = static_cast<uint32_t>(num_features_.size());
-  const int i = static_cast<int>(random->Index(num_images));
-  const int j = static_cast<int>(random->Index(num_images));
-  const PairPlan plan{std::min(i, j), std::max(i, j)};
-  if (i == j || made_.count({plan.image1, plan.image2}) > 0 ||
-      std::binary_search(plans_.begin(), plans_.end(), plan) ||
-      NumCommonPoints(photographs_.features[i], photographs_.features[j],
-                      kClutter) > kUnrelatedShare * options_.min_num_matches) {
-    return std::nullopt;
-  }
-  return plan;
-}
-
-// A motion of a few meters, mostly forward or backward, with a slight turn.
-Rigid3 IsolatedPairMaker::RandomPose(const PairPlan& plan,
-                                     Random* random) const {
-  const Eigen::Vector3d turn = DegToRad(1.0) * RandomNormal(random, 2, 6, 2);
-  const double sign = random->Uniform() < 0.5 ? -1.0 : 1.0;
-  const double length_m = random->Uniform(1.5, 10.0);
-  const Eigen::Vector3d direction =
-      Eigen::Vector3d(0.0, 0.0, sign) + RandomNormal(random, 0.15, 0.05, 0.0);
-  const Rigid3 rig2_from_rig1 =
-      Rigid3::FromRotationAndCenter(ExpSO3(turn), length_m * direction);
-  const auto& sensor_from_rig = [this](int image) -> const Rigid3& {
-    return rig_[photographs_.exposures[image].camera].sensor_from_rig;
-  };
-  return sensor_from_rig(plan.image2) * rig2_from_rig1 *
-         sensor_from_rig(plan.image1).Inverse();
-}
-
-std::vector<Match> IsolatedPairMaker::MakeMatches(const PairPlan& plan,
-                                                  const Rigid3& cam2_from_cam1,
-                                                  Random* random) {
-  const size_t num_wanted = std::max(
-      *options_.min_num_matches,
-      kMinNumMatches +
-          static_cast<int>(random->Index(kMaxNumMatches - kMinNumMatches + 1)));
-  const Rigid3 pose{cam2_from_cam1.rotation,
-                    cam2_from_cam1.translation.normalized()};
-  const auto num_features1 = static_cast<uint32_t>(num_features_[plan.image1]);
-  Mask is_taken1(num_features1, false);
-  Mask is_taken2(num_features_[plan.image2], false);
-  std::vector<Match> matches;
-  for (size_t i = 0; i < 5 * num_wanted && num_features1 > 0; ++i) {
-    if (matches.size() == num_wanted) break;
-    const uint32_t feature1 = random->Index(num_features1);
-    const double depth_m = 4.0 * std::exp(random->Uniform(0.0, 2.7));
-    const bool is_new = random->Uniform() < 0.5;
-    if (is_taken1[feature1] != 0) continue;
-    const Eigen::Vector3d ray1 =
-        photographs_.features[plan.image1].rays[feature1];
-    int feature2 =
-        is_new ? -1 : FindFitting(plan, pose, ray1, is_taken2, random);
-    if (feature2 >= 0) {
-      is_taken2[feature2] = 1;
-    } else {
-      feature2 = AddFitting(plan, cam2_from_cam1 * (depth_m * ray1), random);
-    }
-    if (feature2 < 0) continue;
-    is_taken1[feature1] = 1;
-    matches.push_back({feature1, static_cast<uint32_t>(feature2)});
-  }
-  return matches;
-}
-
-// A feature of image 2 that fits up to noise; -1 if there is none.
-int IsolatedPairMaker::FindFitting(const PairPlan& plan, const Rigid3& pose,
-                                   const Eigen::Vector3d& ray1,
-                                   const Mask& is_taken, Random* random) const {
-  const double max_error_rad = maker_.ErrorInRadians(
-      plan.image1, plan.image2, kMaxError_sigma * options_.pixel_noise_px);
-  const Features& features2 = photographs_.features[plan.image2];
-  std::vector<int> fitting;
-  for (size_t i = 0; i < is_taken.size(); ++i) {
-    const Eigen::Vector3d& ray2 = features2.rays[i];
-    if (is_taken[i] == 0 &&
-        std::abs(SampsonAngle(pose, ray1, ray2)) < max_error_rad &&
-        IsInFront(pose, ray1, ray2, 0.0)) {
-      fitting.push_back(static_cast<int>(i));
-    }
-  }
-  if (fitting.empty()) return -1;
-  return fitting[random->Index(static_cast<uint32_t>(fitting.size()))];
-}
-
-// Returns -1 if the point is outside the image.
-int IsolatedPairMaker::AddFitting(const PairPlan& plan,
-                                  const Eigen::Vector3d& point_in_cam2,
-                                  Random* random) {
-  const int camera_number = photographs_.exposures[plan.image2].camera;
-  const SimulatedCamera& camera = rig_[camera_number];
-  const auto pixel =
-      ProjectToPixel(camera.model, camera.params.data(), point_in_cam2);
-  const double noise_x = options_.pixel_noise_px * random->Normal();
-  const double noise_y = options_.pixel_noise_px * random->Normal();
-  if (!pixel || pixel->x() < 0 || pixel->y() < 0 ||
-      pixel->x() >= camera.width_px || pixel->y() >= camera.height_px) {
-    return -1;
-  }
-  Features& features2 = photographs_.features[plan.image2];
-  const bool is_seen =
-      detector_.Append(camera_number, kClutter,
-                       *pixel + Eigen::Vector2d(noise_x, noise_y), &features2);
-  return is_seen ? static_cast<int>(features2.size()) - 1 : -1;
-}
-
-void IsolatedPairMaker::RemoveNew(int image, size_t num_before) {
-  Features& features = photographs_.features[image];
-  features.identities.resize(num_before);
-  features.keypoints_px.resize(num_before);
-  features.rays.resize(num_before);
-}
 
 }  // namespace
 

@@ -8,6 +8,7 @@
 
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
+#include "math/random_vector.h"
 #include "mgsfm/base/mask.h"
 #include "simulator/random_streams.h"
 
@@ -208,8 +209,8 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
   const Rigid3 pose = WithUnitBaseline(cam2_from_cam1);
   const double max_error_rad =
       ErrorInRadians(plan.image1, plan.image2, kEpipolarOutlierError_px);
-  const Features& features1 = photographs_.features[plan.image1];
-  const Features& features2 = photographs_.features[plan.image2];
+  const SimulatedFeatures& features1 = photographs_.features[plan.image1];
+  const SimulatedFeatures& features2 = photographs_.features[plan.image2];
   Mask is_taken(features2.size(), false);
   for (const Match& match : *matches) is_taken[match.keypoint_idx2] = true;
   for (Match& match : *matches) {
@@ -235,13 +236,8 @@ std::optional<MadePair> PairMaker::MakeRandomPair(
   Random random(RandomOf(options_.random_seed, Effect::kRandomPairs,
                          KeyOf(plan.image1, plan.image2))
                     .NextBits());
-  const auto random_vector = [&random] {
-    const double x = random.Normal();
-    const double y = random.Normal();
-    return Eigen::Vector3d(x, y, random.Normal());
-  };
-  const Eigen::Vector3d turn = random_vector();
-  const Rigid3 cam2_from_cam1{ExpSO3(turn), random_vector()};
+  const Eigen::Vector3d turn = NormalVector(&random);
+  const Rigid3 cam2_from_cam1{ExpSO3(turn), NormalVector(&random)};
   const size_t num_features2 = photographs_.features[plan.image2].size();
   matches.resize(options_.min_num_matches);
   for (Match& match : matches) {
@@ -339,10 +335,8 @@ Rigid3 PairMaker::Estimate(int image1, int image2,
   if (options_.relative_rotation_noise_deg > 0.0) {
     Random random = RandomOf(options_.random_seed, Effect::kPairEstimates,
                              KeyOf(image1, image2));
-    Eigen::Vector3d turn;
-    for (double& angle : turn) {
-      angle = DegToRad(options_.relative_rotation_noise_deg) * random.Normal();
-    }
+    const Eigen::Vector3d turn =
+        DegToRad(options_.relative_rotation_noise_deg) * NormalVector(&random);
     pose.rotation = (pose.rotation * ExpSO3(turn)).normalized();
   }
   return pose;

@@ -207,19 +207,16 @@ std::vector<Views> FindViews(const World& world,
   return views;
 }
 
-int NumCommon(const std::vector<int>& sorted1,
-              const std::vector<int>& sorted2) {
+// Of two ascending sequences.
+template <class Iterator>
+int NumCommon(Iterator begin1, Iterator end1, Iterator begin2, Iterator end2) {
   int num_common = 0;
-  for (size_t i = 0, j = 0; i < sorted1.size() && j < sorted2.size();) {
-    if (sorted1[i] < sorted2[j]) {
-      ++i;
-    } else if (sorted2[j] < sorted1[i]) {
-      ++j;
-    } else {
-      ++num_common;
-      ++i;
-      ++j;
-    }
+  while (begin1 != end1 && begin2 != end2) {
+    const bool is_common = *begin1 == *begin2;
+    const bool is_behind = *begin1 < *begin2;
+    num_common += is_common ? 1 : 0;
+    begin1 += is_common || is_behind ? 1 : 0;
+    begin2 += is_common || !is_behind ? 1 : 0;
   }
   return num_common;
 }
@@ -233,7 +230,9 @@ std::vector<std::pair<int, PairPlan>> RankedPairs(
     std::vector<std::pair<int, int>> partners;
     for (const View& original : views.of_original) {
       const PairPlan plan = Ordered(copy.image, original.image);
-      const int num_common = NumCommon(copy.appearances, original.appearances);
+      const int num_common =
+          NumCommon(copy.appearances.begin(), copy.appearances.end(),
+                    original.appearances.begin(), original.appearances.end());
       if (num_common < options.min_num_matches || plan.image1 == plan.image2 ||
           std::binary_search(plans.begin(), plans.end(), plan)) {
         continue;
@@ -258,20 +257,13 @@ std::vector<std::pair<int, PairPlan>> RankedPairs(
 
 }  // namespace
 
-int NumCommonPoints(const Features& features1, const Features& features2,
-                    int num_points) {
+int NumCommonPoints(const SimulatedFeatures& features1,
+                    const SimulatedFeatures& features2, int num_points) {
   const std::vector<int>& ids1 = features1.identities;
   const std::vector<int>& ids2 = features2.identities;
-  int num_common = 0;
-  for (size_t i = 0, j = 0; i < ids1.size() && j < ids2.size() &&
-                            std::max(ids1[i], ids2[j]) < num_points;) {
-    const bool is_common = ids1[i] == ids2[j];
-    const bool is_behind = ids1[i] < ids2[j];
-    num_common += is_common ? 1 : 0;
-    i += is_common || is_behind ? 1 : 0;
-    j += is_common || !is_behind ? 1 : 0;
-  }
-  return num_common;
+  return NumCommon(
+      ids1.begin(), std::lower_bound(ids1.begin(), ids1.end(), num_points),
+      ids2.begin(), std::lower_bound(ids2.begin(), ids2.end(), num_points));
 }
 
 std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,

@@ -25,12 +25,12 @@ struct PairPlan {
 // The images and features simulated so far, by image index of the scene.
 struct Photographs {
   std::vector<Exposure> exposures;
-  std::vector<Features> features;
+  std::vector<SimulatedFeatures> features;
 };
 
 // The number of points observed in both images.
-int NumCommonPoints(const Features& features1, const Features& features2,
-                    int num_points);
+int NumCommonPoints(const SimulatedFeatures& features1,
+                    const SimulatedFeatures& features2, int num_points);
 
 // The pairs of temporal neighbors. Depends only on which images exist.
 std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,

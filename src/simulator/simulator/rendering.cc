@@ -7,8 +7,6 @@
 
 #include "base/parallel.h"
 #include "geometry/so3.h"
-#include "simulator/drive.h"
-#include "simulator/ground.h"
 #include "simulator/road.h"
 #include "simulator/street_painter.h"
 #include "simulator/street_surfaces.h"

@@ -13,8 +13,6 @@
 #include "base/parallel.h"
 #include "mgsfm/base/error.h"
 #include "simulator/detection.h"
-#include "simulator/drive.h"
-#include "simulator/isolated_pairs.h"
 #include "simulator/pair_making.h"
 #include "simulator/pair_selection.h"
 #include "simulator/random_streams.h"
@@ -337,7 +335,7 @@ void Simulator::AddPairs(const PairMaker& maker, const Detector& detector) {
 void Simulator::AddFeatures() {
   const int num_points = static_cast<int>(world_->points.size());
   for (size_t i = 0; i < photographs_.features.size(); ++i) {
-    Features& features = photographs_.features[i];
+    SimulatedFeatures& features = photographs_.features[i];
     for (int& identity : features.identities) {
       if (identity >= num_points) identity = -1;
     }
@@ -401,82 +399,6 @@ Simulation Simulate(const SimulationOptions& options,
   SimulationInput input;
   input.rig_from_world_path = rig_from_world_path;
   return Simulate(options, input, context);
-}
-
-SimulationOptions StreetSimulation(RigPreset rig) {
-  SimulationOptions options;
-  options.rig = rig;
-  options.world = WorldPreset::kStreet;
-  options.max_visible_distance_m = 100.0;
-  options.max_num_features_per_image = 400;
-  options.clutter_ratio = 0.25;
-  options.num_matched_frames = 10;
-  options.num_matched_frames_across = 2;
-  options.max_num_loop_images = 5;
-  options.max_verification_error_px = 4.0;
-  return options;
-}
-
-SimulationOptions StandardSimulation(RigPreset rig) {
-  SimulationOptions options = StreetSimulation(rig);
-  options.pixel_noise_px = 0.7;
-  options.mismatch_ratio = 0.2;
-  options.epipolar_outlier_ratio = 0.03;
-  options.moving_feature_ratio = 0.1;
-  options.isolated_wrong_pair_ratio = 0.02;
-  return options;
-}
-
-SimulationOptions AliasedSimulation(RigPreset rig) {
-  SimulationOptions options = StandardSimulation(rig);
-  options.duplicated_pair_ratio = 0.02;
-  return options;
-}
-
-SimulationOptions ModerateSimulation(RigPreset rig) {
-  SimulationOptions options = AliasedSimulation(rig);
-  options.pixel_noise_px = 0.8;
-  options.mismatch_ratio = 0.25;
-  options.epipolar_outlier_ratio = 0.04;
-  options.moving_feature_ratio = 0.15;
-  options.convoy_ratio = 0.3;
-  options.missing_image_ratio = 0.02;
-  options.weak_cut_spacing = 90;
-  return options;
-}
-
-SimulationOptions HardSimulation(RigPreset rig) {
-  SimulationOptions options = ModerateSimulation(rig);
-  options.pixel_noise_px = 1.0;
-  options.mismatch_ratio = 0.35;
-  options.epipolar_outlier_ratio = 0.05;
-  options.moving_feature_ratio = 0.2;
-  options.convoy_ratio = 0.45;
-  options.isolated_wrong_pair_ratio = 0.025;
-  options.duplicated_pair_ratio = 0.025;
-  options.missing_image_ratio = 0.03;
-  options.weak_cut_spacing = 60;
-  return options;
-}
-
-SimulationOptions PresetSimulation(SimulationPreset preset, RigPreset rig) {
-  SimulationOptions options;
-  options.rig = rig;
-  switch (preset) {
-    case SimulationPreset::kSmall:
-      return options;
-    case SimulationPreset::kStreet:
-      return StreetSimulation(rig);
-    case SimulationPreset::kStandard:
-      return StandardSimulation(rig);
-    case SimulationPreset::kAliased:
-      return AliasedSimulation(rig);
-    case SimulationPreset::kModerate:
-      return ModerateSimulation(rig);
-    case SimulationPreset::kHard:
-      return HardSimulation(rig);
-  }
-  return options;
 }
 
 }  // namespace mgsfm

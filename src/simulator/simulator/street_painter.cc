@@ -3,12 +3,316 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "simulator/random_streams.h"
-#include "simulator/texture.h"
+#include "simulator/ray_grid.h"
 
 namespace mgsfm {
 namespace {
+
+// Resolution of the height map and of the distance to the road.
+constexpr double kHeightCell_m = 4.0;
+constexpr double kDistanceCell_m = 1.0;
+// Larger than the rounding of coordinates of 100 km.
+constexpr double kMargin_m = 1e-9;
+
+// The smallest root of a t^2 + b t + c in [begin, end].
+std::optional<double> FirstRoot(double a, double b, double c, double begin,
+                                double end) {
+  const double discriminant = b * b - 4.0 * a * c;
+  if (discriminant < 0.0) return std::nullopt;
+  const double q = -0.5 * (b + std::copysign(std::sqrt(discriminant), b));
+  const double roots[] = {std::abs(a) > 0.0 ? q / a : end + 1.0,
+                          std::abs(q) > 0.0 ? c / q : end + 1.0};
+  std::optional<double> first;
+  for (const double root : roots) {
+    if (root >= begin && root <= end && (!first || root < *first)) first = root;
+  }
+  return first;
+}
+
+}  // namespace
+
+Ground::Field::Field(const Eigen::Vector2d& min, const Eigen::Vector2d& max,
+                     double cell_size_m)
+    : grid(min, max, cell_size_m),
+      values((grid.num_columns() + 1) * (grid.num_rows() + 1), 0.0) {}
+
+Eigen::Vector2d Ground::Field::Corner(int column, int row) const {
+  return grid.min() + grid.cell_size_m() * Eigen::Vector2d(column, row);
+}
+
+double Ground::Field::Interpolate(const Eigen::Vector2d& position) const {
+  const int column = grid.Column(position.x()), row = grid.Row(position.y());
+  const Eigen::Vector2d offset =
+      (position - Corner(column, row)) / grid.cell_size_m();
+  const double x = std::clamp(offset.x(), 0.0, 1.0);
+  const double y = std::clamp(offset.y(), 0.0, 1.0);
+  return (1.0 - y) * ((1.0 - x) * At(column, row) + x * At(column + 1, row)) +
+         y * ((1.0 - x) * At(column, row + 1) + x * At(column + 1, row + 1));
+}
+
+Ground::Ground(const Road& road, const Eigen::Vector2d& min,
+               const Eigen::Vector2d& max)
+    : heights_(min, max, kHeightCell_m),
+      road_distances_(min, max, kDistanceCell_m) {
+  for (int row = 0; row <= heights_.grid.num_rows(); ++row) {
+    for (int column = 0; column <= heights_.grid.num_columns(); ++column) {
+      const Eigen::Vector2d corner = heights_.Corner(column, row);
+      double sum = 0.0, weight_sum = 0.0;
+      for (const RoadNode& node : road.nodes()) {
+        const double distance =
+            (node.ground.head<2>() - corner).squaredNorm() + 2.0;
+        const double weight = 1.0 / (distance * distance * distance);
+        sum += weight * node.ground.z();
+        weight_sum += weight;
+      }
+      heights_.At(column, row) = sum / weight_sum;
+    }
+  }
+  max_height_m_ =
+      *std::max_element(heights_.values.begin(), heights_.values.end());
+
+  const std::vector<Eigen::Vector2d> positions = road.Positions();
+  const CellGrid nodes = CellGrid::OfPoints(positions, kMaxRoadDistance_m);
+  for (int row = 0; row <= road_distances_.grid.num_rows(); ++row) {
+    for (int column = 0; column <= road_distances_.grid.num_columns();
+         ++column) {
+      const Eigen::Vector2d corner = road_distances_.Corner(column, row);
+      double& distance = road_distances_.At(column, row);
+      distance = kMaxRoadDistance_m;
+      nodes.ForEachNear(corner, kMaxRoadDistance_m, [&](int i) {
+        distance = std::min(distance, (positions[i] - corner).norm());
+      });
+    }
+  }
+}
+
+double Ground::HeightAt(const Eigen::Vector2d& position) const {
+  return heights_.Interpolate(position);
+}
+
+double Ground::RoadDistanceAt(const Eigen::Vector2d& position) const {
+  return road_distances_.Interpolate(position);
+}
+
+// Within a cell, the height of a ray above the ground is quadratic in the
+// distance along the ray.
+std::optional<double> Ground::MeetCell(int cell, const Eigen::Vector3d& origin,
+                                       const Eigen::Vector3d& direction,
+                                       double begin_m, double end_m) const {
+  const CellGrid& grid = heights_.grid;
+  const int row = cell / grid.num_columns();
+  const int column = cell % grid.num_columns();
+  const Eigen::Vector2d start =
+      (origin.head<2>() - heights_.Corner(column, row)) / grid.cell_size_m();
+  const Eigen::Vector2d step = direction.head<2>() / grid.cell_size_m();
+  const double h = heights_.At(column, row);
+  const double hx = heights_.At(column + 1, row) - h;
+  const double hy = heights_.At(column, row + 1) - h;
+  const double hxy = heights_.At(column + 1, row + 1) - h - hx - hy;
+  const double a = -hxy * step.x() * step.y();
+  const double b = direction.z() - hx * step.x() - hy * step.y() -
+                   hxy * (start.x() * step.y() + start.y() * step.x());
+  const double c = origin.z() - h - hx * start.x() - hy * start.y() -
+                   hxy * start.x() * start.y();
+  return FirstRoot(a, b, c, begin_m, end_m);
+}
+
+std::optional<double> Ground::Cast(const Eigen::Vector3d& origin,
+                                   const Eigen::Vector3d& direction,
+                                   double max_distance_m) const {
+  // Skip the part of the ray above the highest ground.
+  double skipped = 0.0;
+  if (origin.z() > max_height_m_) {
+    if (direction.z() >= 0.0) return std::nullopt;
+    skipped = (max_height_m_ - origin.z()) / direction.z();
+    if (skipped >= max_distance_m) return std::nullopt;
+  }
+  const Eigen::Vector3d start = origin + skipped * direction;
+  const double max_rest = max_distance_m - skipped;
+  CellWalk walk(heights_.grid, start.head<2>(), direction.head<2>());
+  while (walk.IsInside() && walk.Entry() < max_rest) {
+    const int cell = walk.Cell();
+    const double begin = walk.Entry();
+    walk.Next();
+    // The margin avoids gaps between cells due to rounding.
+    const auto rest = MeetCell(cell, start, direction, begin - kMargin_m,
+                               std::min(walk.Entry(), max_rest) + kMargin_m);
+    if (rest) return skipped + *rest;
+  }
+  return std::nullopt;
+}
+
+namespace {
+
+// Procedural non-repeating textures over two coordinates in meters. They depend
+// on a seed and are band-limited to the footprint of a pixel (meters), which
+// avoids aliasing and flicker between views.
+namespace texture {
+
+struct Place {
+  double u_m;
+  double v_m;
+  double footprint_m;
+};
+
+// Pseudo-random bits of a cell, or of a seed and a number, by the mixing steps
+// of MurmurHash3 (A. Appleby, public domain).
+uint32_t HashCell(int32_t column, int32_t row, uint32_t seed) {
+  uint32_t h = static_cast<uint32_t>(column) * 0x9E3779B1u +
+               static_cast<uint32_t>(row) * 0x85EBCA77u + seed * 0xC2B2AE3Du;
+  h ^= h >> 16;
+  h *= 0x85EBCA6Bu;
+  h ^= h >> 13;
+  h *= 0xC2B2AE35u;
+  return h ^ (h >> 16);
+}
+
+uint32_t HashSeed(uint32_t seed, uint32_t number) {
+  return HashCell(static_cast<int32_t>(number), 77, seed);
+}
+
+// A number in [0, 1) from byte `part` (0 to 3) of 32 random bits.
+float Fraction(uint32_t bits, int part) {
+  return static_cast<float>((bits >> (8 * part)) & 255u) * (1.0f / 256.0f);
+}
+
+// The contrast of a detail of the given size: 0 up to the size of the
+// footprint, 1 from twice that size.
+float Visible(double size_m, double footprint_m) {
+  return static_cast<float>(std::clamp(size_m / footprint_m - 1.0, 0.0, 1.0));
+}
+
+// 1 inside and 0 outside of an edge, blurred by the footprint.
+float Edge(double inside_m, double footprint_m) {
+  return static_cast<float>(std::clamp(inside_m / footprint_m + 0.5, 0.0, 1.0));
+}
+
+// A position as cell index and offset, in units of cells.
+struct CellPlace {
+  int32_t column, row;
+  float x, y;
+};
+
+CellPlace CellOf(double u, double v) {
+  const double column = std::floor(u), row = std::floor(v);
+  return {static_cast<int32_t>(column), static_cast<int32_t>(row),
+          static_cast<float>(u - column), static_cast<float>(v - row)};
+}
+
+float Lattice(int32_t column, int32_t row, uint32_t seed) {
+  return static_cast<float>(HashCell(column, row, seed)) * 0x1.0p-31f - 1.0f;
+}
+
+float Smooth(float x) { return x * x * (3.0f - 2.0f * x); }
+
+float ValueNoise(double u, double v, uint32_t seed) {
+  const CellPlace at = CellOf(u, v);
+  const float x = Smooth(at.x), y = Smooth(at.y);
+  const float a = Lattice(at.column, at.row, seed);
+  const float b = Lattice(at.column + 1, at.row, seed);
+  const float c = Lattice(at.column, at.row + 1, seed);
+  const float d = Lattice(at.column + 1, at.row + 1, seed);
+  return (1.0f - y) * (a + x * (b - a)) + y * (c + x * (d - c));
+}
+
+// Smooth noise in about [-1, 1]: octaves of value noise with cell sizes from
+// `coarsest_m` to `finest_m`. Each octave halves the cell size and multiplies
+// the amplitude by `persistence`.
+float Noise(const Place& place, double coarsest_m, double finest_m,
+            float persistence, uint32_t seed) {
+  float sum = 0.0f, strength = 1.0f;
+  uint32_t octave = 0;
+  for (double size = coarsest_m; size >= finest_m; size *= 0.5) {
+    const float visible = Visible(size, place.footprint_m);
+    if (visible == 0.0f) break;
+    sum += visible * strength *
+           ValueNoise(place.u_m / size, place.v_m / size, seed + octave);
+    strength *= persistence;
+    ++octave;
+  }
+  return sum;
+}
+
+// Round spots in [-1, 1] with random size, position and brightness, at most one
+// per cell; 0 elsewhere.
+float Spots(const Place& place, double cell_m, float density, uint32_t seed) {
+  const float visible = Visible(0.3 * cell_m, place.footprint_m);
+  if (visible == 0.0f) return 0.0f;
+  const CellPlace at = CellOf(place.u_m / cell_m, place.v_m / cell_m);
+  const uint32_t bits = HashCell(at.column, at.row, seed);
+  if (Fraction(bits, 0) >= density) return 0.0f;
+  // Spots lie within their cell, so neighboring cells are irrelevant.
+  const float radius = 0.12f + 0.26f * Fraction(bits, 1);
+  const uint32_t more = HashSeed(bits, seed);
+  const float room = 1.0f - 2.0f * radius;
+  const float dx = at.x - radius - room * Fraction(more, 0);
+  const float dy = at.y - radius - room * Fraction(more, 1);
+  const double inside = cell_m * (radius - std::sqrt(dx * dx + dy * dy));
+  // Dark or bright with equal probability, never faint.
+  const float level = 0.4f + 0.6f * Fraction(more, 2);
+  return visible * Edge(inside, place.footprint_m) *
+         (Fraction(more, 3) < 0.5f ? -level : level);
+}
+
+// A wall of stones with random brightness in [-1, 1], in randomly shifted rows.
+float Stones(const Place& place, double width_m, double height_m,
+             uint32_t seed) {
+  const float visible = Visible(0.5 * height_m, place.footprint_m);
+  if (visible == 0.0f) return 0.0f;
+  const double row = std::floor(place.v_m / height_m);
+  const uint32_t row_bits = HashCell(static_cast<int32_t>(row), 5, seed);
+  const double width = width_m * (0.7 + 0.6 * Fraction(row_bits, 1));
+  const double shifted = place.u_m / width + Fraction(row_bits, 0);
+  const double column = std::floor(shifted);
+  const double inside_u =
+      width * std::min(shifted - column, column + 1.0 - shifted);
+  const double inside_v =
+      std::min(place.v_m - row * height_m, (row + 1.0) * height_m - place.v_m);
+  // Zero at the joints, so that stones blend there.
+  const double inside = std::min(inside_u, inside_v);
+  const auto full = static_cast<float>(
+      std::clamp(inside / std::max(0.015, place.footprint_m), 0.0, 1.0));
+  return visible * full *
+         Lattice(static_cast<int32_t>(column), static_cast<int32_t>(row),
+                 seed + 1);
+}
+
+// A random rectangle within a cell. Not every cell has one.
+struct Window {
+  float cover = 0.0f;       // 1 inside, 0 outside
+  float pane = 0.0f;        // 1 on the glass, 0 on the frame
+  float brightness = 0.0f;  // in [0, 1)
+};
+
+Window Windows(const Place& place, double cell_width_m, double cell_height_m,
+               uint32_t seed) {
+  constexpr double kFrame_m = 0.08;  // only needs to be plausible
+  const CellPlace at =
+      CellOf(place.u_m / cell_width_m, place.v_m / cell_height_m);
+  const uint32_t bits = HashCell(at.column, at.row, seed);
+  if (Fraction(bits, 0) > 0.75f) return {};
+  const uint32_t more = HashSeed(bits, seed);
+  const double width = cell_width_m * (0.3 + 0.35 * Fraction(bits, 1));
+  const double height = cell_height_m * (0.35 + 0.3 * Fraction(bits, 2));
+  const double x =
+      at.x * cell_width_m - (cell_width_m - width) * Fraction(more, 0);
+  const double y =
+      at.y * cell_height_m - (cell_height_m - height) * Fraction(more, 1);
+  const double inside =
+      std::min(std::min(x, width - x), std::min(y, height - y));
+  const double bar =
+      std::abs(x - width * (0.25 + 0.5 * Fraction(more, 2))) - 0.5 * kFrame_m;
+  Window window;
+  window.cover = Edge(inside, place.footprint_m);
+  window.pane = Edge(std::min(inside - kFrame_m, bar), place.footprint_m);
+  window.brightness = Fraction(more, 3);
+  return window;
+}
+
+}  // namespace texture
 
 using texture::Fraction;
 using texture::HashSeed;

@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "simulator/cell_grid.h"
+#include "simulator/ray_grid.h"
 #include "simulator/road.h"
 
 namespace mgsfm {
@@ -33,11 +33,6 @@ struct SurfaceHit {
   Eigen::Vector3d normal;
 };
 
-// A duplicate structure: a facade that exists at two places.
-struct Duplicate {
-  Rigid3 copy_from_original;  // in the level frame
-};
-
 class StreetSurfaces {
  public:
   // Revisited places have one set of facades, which do not block any pass of
@@ -47,7 +42,9 @@ class StreetSurfaces {
                  const std::vector<int>& preferred_nodes = {});
 
   const std::vector<Surface>& surfaces() const { return surfaces_; }
-  const std::vector<Duplicate>& duplicates() const { return duplicates_; }
+  // Per facade that exists at two places: copy_from_original, in the level
+  // frame.
+  const std::vector<Rigid3>& duplicates() const { return duplicates_; }
 
   // The first surface that a ray of unit direction intersects.
   std::optional<SurfaceHit> Cast(const Eigen::Vector3d& origin,
@@ -58,7 +55,7 @@ class StreetSurfaces {
   void FillGrid();
 
   std::vector<Surface> surfaces_;
-  std::vector<Duplicate> duplicates_;
+  std::vector<Rigid3> duplicates_;
   CellGrid grid_;
 };
 

@@ -135,7 +135,7 @@ int CutInspector::NumLikeWorld(const PairPlan& plan,
       options_.max_verification_error_px / kReferenceFocal_px;
   const auto ray_of = [this](int image,
                              int identity) -> const Eigen::Vector3d& {
-    const Features& features = photographs_.features[image];
+    const SimulatedFeatures& features = photographs_.features[image];
     const auto place = std::lower_bound(features.identities.begin(),
                                         features.identities.end(), identity);
     return features.rays[place - features.identities.begin()];

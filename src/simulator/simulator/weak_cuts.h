@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "simulator/drive.h"
 #include "simulator/pair_selection.h"
+#include "simulator/road.h"
 
 namespace mgsfm {
 

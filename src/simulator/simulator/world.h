@@ -6,8 +6,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "simulator/cell_grid.h"
-#include "simulator/drive.h"
+#include "simulator/ray_grid.h"
 #include "simulator/road.h"
 #include "simulator/street_surfaces.h"
 #include "simulator/worlds/world_plan.h"

@@ -7,7 +7,7 @@
 #include <regex>
 
 #include "mgsfm/simulator/simulation.h"
-#include "report_page/label_placement.h"
+#include "report_page/chart_parts.h"
 
 namespace mgsfm {
 namespace {

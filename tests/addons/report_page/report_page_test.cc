@@ -8,8 +8,8 @@
 #include <regex>
 
 #include "mgsfm/simulator/simulation.h"
-#include "report_page/statistics.h"
-#include "report_page/thumbnails.h"
+#include "report_page/page_model.h"
+#include "report_page/page_selection.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -98,7 +98,7 @@ TEST(Statistics, AreThoseOfProjectionsOneByOne) {
     keypoint_px -= shift_px;
   }
   const Projector projector(drive.scene, model);
-  const ModelStatistics statistics =
+  const PageStatistics statistics =
       ComputeStatistics(drive.scene, model, projector, {});
   size_t num_observations = 0;
   std::vector<size_t> num_points(drive.scene.images.size());

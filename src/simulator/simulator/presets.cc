@@ -4,6 +4,7 @@
 
 #include "geometry/so3.h"
 #include "mgsfm/simulator/simulation.h"
+#include "simulator/worlds/world_plan.h"
 
 namespace mgsfm {
 namespace {
@@ -73,6 +74,28 @@ std::vector<SimulatedCamera> MakeDome() {
   return rig;
 }
 
+RigPreset RigOf(WorldPreset world) {
+  switch (world) {
+    case WorldPreset::kHead360:
+    case WorldPreset::kPole360:
+      return RigPreset::kBackToBack;
+    case WorldPreset::kDrone:
+      return RigPreset::kOblique;
+    case WorldPreset::kSessions:
+      return RigPreset::kKitti360;
+    case WorldPreset::kDome:
+      return RigPreset::kDome;
+    case WorldPreset::kTrain:
+    case WorldPreset::kBoat:
+    case WorldPreset::kBridge:
+    case WorldPreset::kCrane:
+    case WorldPreset::kTwoRigs:
+      return RigPreset::kStereo;
+    default:
+      return RigPreset::kSmallStereo;
+  }
+}
+
 }  // namespace
 
 std::vector<SimulatedCamera> MakeRig(RigPreset preset) {
@@ -109,6 +132,108 @@ std::vector<SimulatedCamera> MakeRig(RigPreset preset) {
       return MakeDome();
   }
   return {};
+}
+
+SimulationOptions StreetSimulation(RigPreset rig) {
+  SimulationOptions options;
+  options.rig = rig;
+  options.world = WorldPreset::kStreet;
+  options.max_visible_distance_m = 100.0;
+  options.max_num_features_per_image = 400;
+  options.clutter_ratio = 0.25;
+  options.num_matched_frames = 10;
+  options.num_matched_frames_across = 2;
+  options.max_num_loop_images = 5;
+  options.max_verification_error_px = 4.0;
+  return options;
+}
+
+SimulationOptions StandardSimulation(RigPreset rig) {
+  SimulationOptions options = StreetSimulation(rig);
+  options.pixel_noise_px = 0.7;
+  options.mismatch_ratio = 0.2;
+  options.epipolar_outlier_ratio = 0.03;
+  options.moving_feature_ratio = 0.1;
+  options.isolated_wrong_pair_ratio = 0.02;
+  return options;
+}
+
+SimulationOptions AliasedSimulation(RigPreset rig) {
+  SimulationOptions options = StandardSimulation(rig);
+  options.duplicated_pair_ratio = 0.02;
+  return options;
+}
+
+SimulationOptions ModerateSimulation(RigPreset rig) {
+  SimulationOptions options = AliasedSimulation(rig);
+  options.pixel_noise_px = 0.8;
+  options.mismatch_ratio = 0.25;
+  options.epipolar_outlier_ratio = 0.04;
+  options.moving_feature_ratio = 0.15;
+  options.convoy_ratio = 0.3;
+  options.missing_image_ratio = 0.02;
+  options.weak_cut_spacing = 90;
+  return options;
+}
+
+SimulationOptions HardSimulation(RigPreset rig) {
+  SimulationOptions options = ModerateSimulation(rig);
+  options.pixel_noise_px = 1.0;
+  options.mismatch_ratio = 0.35;
+  options.epipolar_outlier_ratio = 0.05;
+  options.moving_feature_ratio = 0.2;
+  options.convoy_ratio = 0.45;
+  options.isolated_wrong_pair_ratio = 0.025;
+  options.duplicated_pair_ratio = 0.025;
+  options.missing_image_ratio = 0.03;
+  options.weak_cut_spacing = 60;
+  return options;
+}
+
+SimulationOptions PresetSimulation(SimulationPreset preset, RigPreset rig) {
+  SimulationOptions options;
+  options.rig = rig;
+  switch (preset) {
+    case SimulationPreset::kSmall:
+      return options;
+    case SimulationPreset::kStreet:
+      return StreetSimulation(rig);
+    case SimulationPreset::kStandard:
+      return StandardSimulation(rig);
+    case SimulationPreset::kAliased:
+      return AliasedSimulation(rig);
+    case SimulationPreset::kModerate:
+      return ModerateSimulation(rig);
+    case SimulationPreset::kHard:
+      return HardSimulation(rig);
+  }
+  return options;
+}
+
+SimulationOptions WorldSimulation(WorldPreset world, NoiseLevel level) {
+  SimulationOptions options = StreetSimulation(RigOf(world));
+  options.world = world;
+  options.repeatability = 0.7;
+  if (world == WorldPreset::kSquare) {
+    options.num_matched_frames = 100000;
+    options.num_matched_frames_across = 100000;
+    options.max_num_loop_images = 0;
+  }
+  // The share of moving features is a property of the world.
+  options.moving_feature_ratio = PlanWorld(world, 0).body_feature_ratio;
+  if (world == WorldPreset::kStairs || world == WorldPreset::kHead360) {
+    options.duplicated_pair_ratio = level == NoiseLevel::kNone ? 0.0 : 0.02;
+  }
+  if (level == NoiseLevel::kNone) return options;
+  options.pixel_noise_px = 0.4;
+  options.keypoint_noise_tail = 0.2;
+  options.mismatch_ratio = 0.1;
+  if (level == NoiseLevel::kMedium) {
+    options.mismatch_ratio = 0.25;
+    options.epipolar_outlier_ratio = 0.03;
+    options.isolated_wrong_pair_ratio = 0.01;
+  }
+  return options;
 }
 
 }  // namespace mgsfm

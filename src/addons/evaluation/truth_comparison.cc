@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "truth_comparison.h"
+#include "evaluation/truth_comparison.h"
 
 #include <algorithm>
 #include <filesystem>
@@ -9,6 +9,7 @@
 
 #include "base/text.h"
 #include "base/text_tools.h"
+#include "evaluation/true_trajectory.h"
 #include "geometry/rigid_matrix.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
@@ -18,7 +19,6 @@
 #include "mgsfm/models/trajectory_io.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
-#include "true_trajectory.h"
 
 namespace mgsfm {
 namespace {
@@ -158,7 +158,7 @@ const Rigid3& CameraOf(const std::string& sensor_name, size_t order,
 }
 
 // The cameras of a rig configuration that images of the sensor have.
-std::vector<const RigConfigCamera*> FindCameras(const NamedModel& model,
+std::vector<const RigConfigCamera*> FindCameras(const PosedScene& model,
                                                 int sensor_idx,
                                                 const RigConfig& rig) {
   std::vector<const RigConfigCamera*> cameras;
@@ -177,7 +177,7 @@ std::vector<const RigConfigCamera*> FindCameras(const NamedModel& model,
 // The poses in one rig of the configuration, if it has all sensors of a rig of
 // the model; nullopt for those whose pose it leaves open.
 std::optional<std::map<int, std::optional<Rigid3>>> PosesInConfig(
-    const NamedModel& model, int rig_idx, const RigConfig& config,
+    const PosedScene& model, int rig_idx, const RigConfig& config,
     const std::string& path) {
   std::map<int, std::optional<Rigid3>> poses;
   for (const int sensor_idx : model.scene.rigs[rig_idx].sensor_idxs) {
@@ -196,7 +196,7 @@ std::optional<std::map<int, std::optional<Rigid3>>> PosesInConfig(
 
 // Our own or COLMAP's rig_config.json as the truth.
 TrueSensors ReadTrueRigConfig(const std::string& path,
-                              const NamedModel& model) {
+                              const PosedScene& model) {
   const std::vector<RigConfig> configs = ReadRigConfig(path);
   TrueSensors sensors(model.scene.sensors.size());
   for (size_t rig_idx = 0; rig_idx < model.scene.rigs.size(); ++rig_idx) {
@@ -206,7 +206,7 @@ TrueSensors ReadTrueRigConfig(const std::string& path,
         poses = PosesInConfig(model, static_cast<int>(rig_idx), config, path);
       }
     }
-    const int ref_sensor = model.ref_sensor[rig_idx];
+    const int ref_sensor = model.scene.rigs[rig_idx].ref_sensor_idx;
     if (!poses) {
       throw Error("'" + path + "' has no rig with a camera for each of the " +
                   std::to_string(model.scene.rigs[rig_idx].sensor_idxs.size()) +
@@ -225,12 +225,14 @@ TrueSensors ReadTrueRigConfig(const std::string& path,
 }
 
 TrueSensors ReadTrueSensors(const std::string& calib_path,
-                            const NamedModel& model) {
+                            const PosedScene& model) {
   if (std::filesystem::path(calib_path).extension() == ".json") {
     return ReadTrueRigConfig(calib_path, model);
   }
   TrueSensors sensors(model.scene.sensors.size());
-  for (const int ref_sensor : model.ref_sensor) sensors[ref_sensor] = Rigid3();
+  for (const Rig& rig : model.scene.rigs) {
+    sensors[rig.ref_sensor_idx] = Rigid3();
+  }
   if (SplitList(calib_path).empty()) return sensors;
   const std::vector<Rigid3> cameras = ReadCameras(calib_path);
   for (size_t rig_idx = 0; rig_idx < model.scene.rigs.size(); ++rig_idx) {
@@ -243,7 +245,8 @@ TrueSensors ReadTrueSensors(const std::string& calib_path,
     for (const auto& [name, sensor_idx] : by_name) {
       sensors[sensor_idx] = CameraOf(name, order++, cameras, calib_path);
     }
-    const Rigid3 any_from_ref = sensors[model.ref_sensor[rig_idx]]->Inverse();
+    const Rigid3 any_from_ref =
+        sensors[model.scene.rigs[rig_idx].ref_sensor_idx]->Inverse();
     for (const auto& [name, sensor_idx] : by_name) {
       sensors[sensor_idx] = *sensors[sensor_idx] * any_from_ref;
     }
@@ -251,19 +254,19 @@ TrueSensors ReadTrueSensors(const std::string& calib_path,
   return sensors;
 }
 
-std::vector<SensorPoses> PairSensors(const NamedModel& model,
+std::vector<SensorPoses> PairSensors(const PosedScene& model,
                                      const TrueSensors& truth) {
   std::vector<SensorPoses> sensors;
   for (size_t i = 0; i < model.scene.sensors.size(); ++i) {
     const Sensor& sensor = model.scene.sensors[i];
-    if (model.ref_sensor[sensor.rig_idx] == static_cast<int>(i)) continue;
-    sensors.push_back({sensor.name, model.sensor_from_ref[i], truth[i]});
+    if (model.scene.IsReference(static_cast<int>(i))) continue;
+    sensors.push_back({sensor.name, sensor.sensor_from_rig, truth[i]});
   }
   return sensors;
 }
 
 // Per sensor of the model; sensors with common images are the same.
-TrueSensors FindTrueSensors(const NamedModel& model, const NamedModel& truth,
+TrueSensors FindTrueSensors(const PosedScene& model, const PosedScene& truth,
                             const std::vector<int>& true_image_of_image) {
   std::vector<std::optional<int>> true_sensor(model.scene.sensors.size());
   for (size_t i = 0; i < true_image_of_image.size(); ++i) {
@@ -275,25 +278,26 @@ TrueSensors FindTrueSensors(const NamedModel& model, const NamedModel& truth,
   for (size_t i = 0; i < sensors.size(); ++i) {
     const auto sensor = true_sensor[i];
     const auto ref =
-        true_sensor[model.ref_sensor[model.scene.sensors[i].rig_idx]];
-    if (!sensor || !ref ||
-        truth.scene.sensors[*sensor].rig_idx !=
-            truth.scene.sensors[*ref].rig_idx ||
-        !truth.sensor_from_ref[*sensor] || !truth.sensor_from_ref[*ref]) {
+        true_sensor[model.scene.rigs[model.scene.sensors[i].rig_idx]
+                        .ref_sensor_idx];
+    if (!sensor || !ref) continue;
+    const Sensor& of_sensor = truth.scene.sensors[*sensor];
+    const Sensor& of_ref = truth.scene.sensors[*ref];
+    if (of_sensor.rig_idx != of_ref.rig_idx || !of_sensor.sensor_from_rig ||
+        !of_ref.sensor_from_rig) {
       continue;
     }
-    sensors[i] = *truth.sensor_from_ref[*sensor] *
-                 truth.sensor_from_ref[*ref]->Inverse();
+    sensors[i] = *of_sensor.sensor_from_rig * of_ref.sensor_from_rig->Inverse();
   }
   return sensors;
 }
 
 TruthComparison CompareWithModel(const TruthSource& source,
-                                 const NamedModel& model) {
+                                 const PosedScene& model) {
   SceneLoadingOptions naming;
   naming.rig_name_rule = source.rig_name_rule;
-  const NamedModel truth =
-      ReadNamedModel(source.gt_path, source.image_prefix, "", naming);
+  const PosedScene truth =
+      ReadPosedScene(source.gt_path, source.image_prefix, "", naming);
   std::map<std::string, size_t> image_of_name;
   for (size_t i = 0; i < model.scene.images.size(); ++i) {
     image_of_name[model.scene.images[i].name] = i;
@@ -337,7 +341,7 @@ TruthComparison CompareWithModel(const TruthSource& source,
   return comparison;
 }
 
-TruthComparison CompareWithRig(const NamedModel& model,
+TruthComparison CompareWithRig(const PosedScene& model,
                                const TrueSensors& true_sensors) {
   TruthComparison comparison;
   comparison.has_true_poses = false;
@@ -351,7 +355,7 @@ TruthComparison CompareWithRig(const NamedModel& model,
 }
 
 // Images of the database that are not in the model.
-ImageNames ReadOtherImages(const TruthSource& source, const NamedModel& model) {
+ImageNames ReadOtherImages(const TruthSource& source, const PosedScene& model) {
   if (source.database_path.empty()) return std::nullopt;
   std::set<std::string> in_model;
   for (const Image& image : model.scene.images) in_model.insert(image.name);
@@ -367,7 +371,7 @@ ImageNames ReadOtherImages(const TruthSource& source, const NamedModel& model) {
 }
 
 TruthComparison CompareWithTrajectory(const TruthSource& source,
-                                      const NamedModel& model,
+                                      const PosedScene& model,
                                       const TrueSensors& true_sensors) {
   const ImageNames others = ReadOtherImages(source, model);
   const std::vector<std::string> frames = FrameNames(model, others);
@@ -396,7 +400,7 @@ bool IsMetric(const TruthSource& source) {
   return false;
 }
 
-std::vector<std::string> UnpairedImages(const NamedModel& model,
+std::vector<std::string> UnpairedImages(const PosedScene& model,
                                         const TruthComparison& comparison) {
   std::set<std::string> paired;
   for (const ImagePoses& image : comparison.images) paired.insert(image.name);
@@ -407,7 +411,7 @@ std::vector<std::string> UnpairedImages(const NamedModel& model,
   return names;
 }
 
-TruthComparison Compare(const TruthSource& source, const NamedModel& model) {
+TruthComparison Compare(const TruthSource& source, const PosedScene& model) {
   if (source.gt_format == TruthFormat::kColmap) {
     return CompareWithModel(source, model);
   }
@@ -422,7 +426,7 @@ TruthComparison Compare(const TruthSource& source, const NamedModel& model) {
 TruthComparison CompareWithTruth(const TruthSource& source) {
   SceneLoadingOptions naming;
   naming.rig_name_rule = source.rig_name_rule;
-  const NamedModel model = ReadNamedModel(
+  const PosedScene model = ReadPosedScene(
       source.model_path, source.image_prefix, source.reference, naming);
   TruthComparison comparison = Compare(source, model);
   comparison.is_metric = IsMetric(source);

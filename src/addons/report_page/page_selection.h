@@ -3,9 +3,12 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <string>
 #include <vector>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
@@ -18,5 +21,17 @@ Eigen::AlignedBox3d ShownBox(const Reconstruction& reconstruction);
 std::vector<size_t> SelectPoints(const Reconstruction& reconstruction,
                                  const Eigen::AlignedBox3d& box,
                                  size_t max_points);
+
+struct Thumbnail {
+  int image_idx = 0;
+  std::string jpeg;
+};
+
+// Small JPEGs of images of all frames or, if these need more than `max_bytes`,
+// of frames at equal steps. Sorted by image. Images that cannot be read are
+// skipped.
+std::vector<Thumbnail> MakeThumbnails(const Scene& scene,
+                                      const std::string& image_path,
+                                      size_t max_bytes, const Context& context);
 
 }  // namespace mgsfm

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "simulator/cell_grid.h"
+#include "simulator/ray_grid.h"
 
 #include <algorithm>
 #include <cmath>

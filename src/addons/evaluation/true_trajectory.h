@@ -15,14 +15,13 @@
 
 namespace mgsfm {
 
-// A model with the sensor and frame of each image, from its rigs and frames or,
-// without them, from image names as in the mapper.
-struct NamedModel {
-  Scene scene;                         // without keypoints
+// The images of a model with their sensors and frames, from its rigs and frames
+// or, without them, from image names as in the mapper.
+struct PosedScene {
+  // Without keypoints. Sensors are posed relative to the reference of their
+  // rig.
+  Scene scene;
   std::vector<Rigid3> cam_from_world;  // of scene.images
-  std::vector<int> ref_sensor;         // of scene.rigs
-  // Poses of scene.sensors relative to the reference sensor of their rig.
-  std::vector<std::optional<Rigid3>> sensor_from_ref;
   std::map<std::string, int> sensor_of_folder;
 
   bool IsReference(int image_idx) const;
@@ -33,14 +32,10 @@ struct NamedModel {
 // Reads the images whose names start with `image_prefix`. `reference`, if not
 // empty, is the name of a sensor or of a folder of its images. Throws Error if
 // no sensor or no image matches.
-NamedModel ReadNamedModel(const std::string& path,
+PosedScene ReadPosedScene(const std::string& path,
                           const std::string& image_prefix,
                           const std::string& reference,
                           const SceneLoadingOptions& naming);
-
-// "a/b" and "c" of "a/b/c.jpg".
-std::string FolderOfName(const std::string& image_name);
-std::string StemOfName(const std::string& image_name);
 
 // True poses of the reference sensor, and which of them belongs to each frame;
 // frames are known by the names of their images without folder and extension.
@@ -72,7 +67,7 @@ using ImageNames = std::optional<std::vector<std::string>>;
 // Sorted names of all frames of the model, and of frames of other images in the
 // folders of its sensors. Throws Error if two frames of the model have the same
 // name, as in two sequences.
-std::vector<std::string> FrameNames(const NamedModel& model,
+std::vector<std::string> FrameNames(const PosedScene& model,
                                     const ImageNames& other_images);
 
 // Model and truth, image by image, in the order of the trajectory. Sensors that
@@ -81,7 +76,7 @@ std::vector<std::string> FrameNames(const NamedModel& model,
 // of frames in gaps of the model, which are true poses that lie at its median
 // step between two of its frames.
 std::vector<ImagePoses> PairWithTrajectory(
-    const NamedModel& model, const TrueTrajectory& trajectory,
+    const PosedScene& model, const TrueTrajectory& trajectory,
     const std::vector<std::optional<Rigid3>>& sensor_from_ref,
     const ImageNames& other_images);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "true_trajectory.h"
+#include "evaluation/true_trajectory.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 #include "models/model_checks.h"
 #include "rigs/image_times.h"
@@ -25,9 +26,7 @@ void KeepPrefix(const std::string& path, const std::string& prefix,
                images.end());
   if (images.empty()) {
     throw Error("no image of the model '" + path +
-                "' has a name that starts "
-                "with '" +
-                prefix + "'");
+                "' has a name that starts with '" + prefix + "'");
   }
 }
 
@@ -48,40 +47,29 @@ DatabaseContents ToContents(const PoseModel& poses, const std::string& path) {
   return contents;
 }
 
-void ChangeReference(int sensor_idx, NamedModel* model) {
-  const Scene& scene = model->scene;
-  const int rig_idx = scene.sensors[sensor_idx].rig_idx;
-  const std::optional<Rigid3> new_from_old = model->sensor_from_ref[sensor_idx];
-  model->ref_sensor[rig_idx] = sensor_idx;
-  for (const int other : scene.rigs[rig_idx].sensor_idxs) {
-    std::optional<Rigid3>& pose = model->sensor_from_ref[other];
+void ChangeReference(int sensor_idx, Scene* scene) {
+  Rig& rig = scene->rigs[scene->sensors[sensor_idx].rig_idx];
+  const std::optional<Rigid3> new_from_old =
+      scene->sensors[sensor_idx].sensor_from_rig;
+  rig.ref_sensor_idx = sensor_idx;
+  for (const int other : rig.sensor_idxs) {
+    std::optional<Rigid3>& pose = scene->sensors[other].sensor_from_rig;
     if (!new_from_old) {
       pose.reset();
     } else if (pose) {
       pose = *pose * new_from_old->Inverse();
     }
   }
-  model->sensor_from_ref[sensor_idx] = Rigid3();
+  scene->sensors[sensor_idx].sensor_from_rig = Rigid3();
 }
 
 }  // namespace
 
-std::string FolderOfName(const std::string& image_name) {
-  const size_t slash = image_name.rfind('/');
-  return slash == std::string::npos ? "" : image_name.substr(0, slash);
+bool PosedScene::IsReference(int image_idx) const {
+  return scene.IsReference(scene.images[image_idx].sensor_idx);
 }
 
-std::string StemOfName(const std::string& image_name) {
-  const std::string file = image_name.substr(image_name.rfind('/') + 1);
-  return file.substr(0, file.rfind('.'));
-}
-
-bool NamedModel::IsReference(int image_idx) const {
-  const int sensor_idx = scene.images[image_idx].sensor_idx;
-  return ref_sensor[scene.sensors[sensor_idx].rig_idx] == sensor_idx;
-}
-
-std::optional<int> NamedModel::FindSensor(const std::string& folder) const {
+std::optional<int> PosedScene::FindSensor(const std::string& folder) const {
   const auto found = sensor_of_folder.find(folder);
   if (found != sensor_of_folder.end()) return found->second;
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
@@ -90,14 +78,14 @@ std::optional<int> NamedModel::FindSensor(const std::string& folder) const {
   return std::nullopt;
 }
 
-NamedModel ReadNamedModel(const std::string& path,
+PosedScene ReadPosedScene(const std::string& path,
                           const std::string& image_prefix,
                           const std::string& reference,
                           const SceneLoadingOptions& naming) {
   PoseModel poses = ReadModelPoses(path);
   if (*naming.rig_name_rule == "auto") CheckModelTables(poses, path);
   KeepPrefix(path, image_prefix, &poses);
-  NamedModel model;
+  PosedScene model;
   model.scene = LoadScene(ToContents(poses, path), naming, Context()).scene;
   // Scene and model are both sorted by name.
   for (const ModelImage& image : poses.images) {
@@ -106,19 +94,13 @@ NamedModel ReadNamedModel(const std::string& path,
   for (const Image& image : model.scene.images) {
     model.sensor_of_folder.emplace(FolderOfName(image.name), image.sensor_idx);
   }
-  for (const Rig& rig : model.scene.rigs) {
-    model.ref_sensor.push_back(rig.ref_sensor_idx);
-  }
-  for (const Sensor& sensor : model.scene.sensors) {
-    model.sensor_from_ref.push_back(sensor.sensor_from_rig);
-  }
   if (reference.empty()) return model;
   const std::optional<int> sensor_idx = model.FindSensor(reference);
   if (!sensor_idx) {
     throw Error("no image of the model '" + path + "' is in the folder '" +
                 reference + "' that --reference names");
   }
-  ChangeReference(*sensor_idx, &model);
+  ChangeReference(*sensor_idx, &model.scene);
   return model;
 }
 
@@ -129,7 +111,7 @@ using PlacedImage = std::pair<size_t, ImagePoses>;
 
 class TrajectoryPairing {
  public:
-  TrajectoryPairing(const NamedModel& model, const TrueTrajectory& trajectory,
+  TrajectoryPairing(const PosedScene& model, const TrueTrajectory& trajectory,
                     const std::vector<std::optional<Rigid3>>& sensor_from_ref)
       : model_(model),
         trajectory_(trajectory),
@@ -189,10 +171,9 @@ class TrajectoryPairing {
              const std::optional<Rigid3>& cam_from_model) {
     const std::optional<Rigid3>& sensor_from_ref = sensor_from_ref_[sensor_idx];
     if (!sensor_from_ref) return;
-    const int rig_idx = model_.scene.sensors[sensor_idx].rig_idx;
     images_.push_back(
         {pose,
-         {name, model_.ref_sensor[rig_idx] == sensor_idx, cam_from_model,
+         {name, model_.scene.IsReference(sensor_idx), cam_from_model,
           *sensor_from_ref * trajectory_.ref_from_world[pose]}});
   }
 
@@ -219,7 +200,7 @@ class TrajectoryPairing {
     return in_gaps;
   }
 
-  const NamedModel& model_;
+  const PosedScene& model_;
   const TrueTrajectory& trajectory_;
   const std::vector<std::optional<Rigid3>>& sensor_from_ref_;
   std::vector<PlacedImage> images_;
@@ -335,7 +316,7 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
   return trajectory;
 }
 
-std::vector<std::string> FrameNames(const NamedModel& model,
+std::vector<std::string> FrameNames(const PosedScene& model,
                                     const ImageNames& other_images) {
   std::map<std::string, int> frame_of_name;
   for (const Image& image : model.scene.images) {
@@ -360,7 +341,7 @@ std::vector<std::string> FrameNames(const NamedModel& model,
 }
 
 std::vector<ImagePoses> PairWithTrajectory(
-    const NamedModel& model, const TrueTrajectory& trajectory,
+    const PosedScene& model, const TrueTrajectory& trajectory,
     const std::vector<std::optional<Rigid3>>& sensor_from_ref,
     const ImageNames& other_images) {
   TrajectoryPairing pairing(model, trajectory, sensor_from_ref);

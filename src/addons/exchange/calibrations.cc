@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "exchange/exchange_formats.h"
+#include "exchange/formats.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+enum class OpenCvDistortion {
+  kRadialTangential,  // k1 k2 p1 p2
+  kRational,          // k1 k2 p1 p2 k3 k4 k5 k6
+  kEquidistant,       // k1 k2 k3 k4
+  kFieldOfView,       // w
+  kUnified,           // EUCM: alpha beta
+};
+
+// A camera in the convention of OpenCV, ROS and Kalibr: pixel (0, 0) is the
+// center of the first one.
+struct OpenCvCamera {
+  double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;
+  OpenCvDistortion distortion = OpenCvDistortion::kRadialTangential;
+  std::vector<double> coefficients;
+};
+
+struct Distortion {
+  CameraModelId model;
+  OpenCvDistortion kind;
+  size_t num_coefficients;  // what the model lacks is zero
+};
+
+constexpr Distortion kDistortions[] = {
+    {CameraModelId::kSimplePinhole, OpenCvDistortion::kRadialTangential, 4},
+    {CameraModelId::kPinhole, OpenCvDistortion::kRadialTangential, 4},
+    {CameraModelId::kSimpleRadial, OpenCvDistortion::kRadialTangential, 4},
+    {CameraModelId::kRadial, OpenCvDistortion::kRadialTangential, 4},
+    {CameraModelId::kOpenCV, OpenCvDistortion::kRadialTangential, 4},
+    {CameraModelId::kFullOpenCV, OpenCvDistortion::kRational, 8},
+    {CameraModelId::kOpenCVFisheye, OpenCvDistortion::kEquidistant, 4},
+    {CameraModelId::kSimpleRadialFisheye, OpenCvDistortion::kEquidistant, 4},
+    {CameraModelId::kRadialFisheye, OpenCvDistortion::kEquidistant, 4},
+    {CameraModelId::kSimpleFisheye, OpenCvDistortion::kEquidistant, 4},
+    {CameraModelId::kFisheye, OpenCvDistortion::kEquidistant, 4},
+    {CameraModelId::kFov, OpenCvDistortion::kFieldOfView, 1},
+    {CameraModelId::kEucm, OpenCvDistortion::kUnified, 2},
+};
+
+// Throws Error, naming the camera and `format`, unless the distortion is one of
+// `permitted`.
+OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
+                            const std::string& format,
+                            const std::vector<OpenCvDistortion>& permitted) {
+  // OpenCV puts the origin into the center of the first pixel, COLMAP into its
+  // corner.
+  constexpr double kPixelCenter = 0.5;
+  const Camera& camera = input.model.cameras[camera_idx];
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const auto* distortion = std::find_if(
+      std::begin(kDistortions), std::end(kDistortions),
+      [&](const Distortion& entry) { return entry.model == camera.model; });
+  if (distortion == std::end(kDistortions) ||
+      std::find(permitted.begin(), permitted.end(), distortion->kind) ==
+          permitted.end()) {
+    throw Error(CameraLabel(input.scene, camera_idx) + " is of the model " +
+                std::string(info.name) + ", which " + format +
+                " cannot represent; undistort the images first, or map with "
+                "another camera model");
+  }
+  OpenCvCamera result;
+  result.fx = camera.params[info.focal_length_idxs.front()];
+  result.fy = camera.params[info.focal_length_idxs.back()];
+  result.cx = camera.params[info.principal_point_idxs[0]] - kPixelCenter;
+  result.cy = camera.params[info.principal_point_idxs[1]] - kPixelCenter;
+  result.distortion = distortion->kind;
+  for (const int idx : info.extra_params_idxs) {
+    result.coefficients.push_back(camera.params[idx]);
+  }
+  result.coefficients.resize(distortion->num_coefficients, 0.0);
+  return result;
+}
+
+std::string PoseList(const Rigid3& pose) {
+  Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix;
+  matrix << pose.rotation.toRotationMatrix(), pose.translation, 0.0, 0.0, 0.0,
+      1.0;
+  return NumberList({matrix.data(), matrix.data() + matrix.size()});
+}
+
+std::string SensorYaml(const ExportInput& input, int sensor_idx) {
+  const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
+  const Camera& camera = input.model.cameras[camera_idx];
+  const OpenCvCamera opencv = ToOpenCvCamera(
+      input, camera_idx, "euroc_sensor",
+      {OpenCvDistortion::kRadialTangential, OpenCvDistortion::kEquidistant});
+  const Rigid3 rig_from_cam =
+      input.model.sensor_from_rig[sensor_idx].value_or(Rigid3()).Inverse();
+  return "sensor_type: camera\n"
+         "T_BS:\n  cols: 4\n  rows: 4\n  data: " +
+         PoseList(rig_from_cam) + "\nresolution: [" +
+         std::to_string(camera.width_px) + ", " +
+         std::to_string(camera.height_px) +
+         "]\ncamera_model: pinhole\nintrinsics: " +
+         NumberList({opencv.fx, opencv.fy, opencv.cx, opencv.cy}) +
+         "\ndistortion_model: " +
+         (opencv.distortion == OpenCvDistortion::kEquidistant
+              ? "equidistant"
+              : "radial-tangential") +
+         "\ndistortion_coefficients: " + NumberList(opencv.coefficients) + "\n";
+}
+
+}  // namespace
+
+std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input) {
+  const int rig_idx =
+      OnlyRig(input, "euroc_sensor", "delete the images of the others first");
+  const std::vector<std::string> names = PlainSensorNames(input.scene);
+  std::vector<ExportedFile> files;
+  for (const int sensor_idx : PosedSensors(input, rig_idx)) {
+    files.push_back({"/" + names[sensor_idx] + "/sensor.yaml",
+                     SensorYaml(input, sensor_idx)});
+  }
+  return files;
+}
+
+namespace {
+
+std::string Matrix(const Rigid3& b_from_a) {
+  const Eigen::Matrix3d rotation = b_from_a.rotation.toRotationMatrix();
+  std::string text;
+  for (int row = 0; row < 3; ++row) {
+    text += "    - " +
+            NumberList({rotation(row, 0), rotation(row, 1), rotation(row, 2),
+                        b_from_a.translation[row]}) +
+            "\n";
+  }
+  return text + "    - [0.0, 0.0, 0.0, 1.0]\n";
+}
+
+std::string CameraText(const ExportInput& input, int sensor_idx,
+                       const std::string& name) {
+  const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
+  const Camera& camera = input.model.cameras[camera_idx];
+  const OpenCvCamera opencv = ToOpenCvCamera(
+      input, camera_idx, "kalibr",
+      {OpenCvDistortion::kRadialTangential, OpenCvDistortion::kEquidistant,
+       OpenCvDistortion::kFieldOfView, OpenCvDistortion::kUnified});
+  const std::vector<double>& c = opencv.coefficients;
+  std::vector<double> intrinsics = {opencv.fx, opencv.fy, opencv.cx, opencv.cy};
+  std::string model = "pinhole", distortion = "radtan",
+              coefficients = NumberList(c);
+  if (opencv.distortion == OpenCvDistortion::kEquidistant) {
+    distortion = "equidistant";
+  } else if (opencv.distortion == OpenCvDistortion::kFieldOfView) {
+    distortion = "fov";
+  } else if (opencv.distortion == OpenCvDistortion::kUnified) {
+    model = "eucm";
+    distortion = "none";
+    coefficients = "[]";
+    intrinsics.insert(intrinsics.begin(), c.begin(), c.end());
+  }
+  return "  camera_model: " + model + "\n  distortion_coeffs: " + coefficients +
+         "\n  distortion_model: " + distortion +
+         "\n  intrinsics: " + NumberList(intrinsics) + "\n  resolution: [" +
+         std::to_string(camera.width_px) + ", " +
+         std::to_string(camera.height_px) + "]\n  rostopic: /" + name +
+         "/image_raw\n";
+}
+
+}  // namespace
+
+std::vector<ExportedFile> WriteKalibr(const ExportInput& input) {
+  const int rig_idx =
+      OnlyRig(input, "kalibr", "delete the images of the others first");
+  const std::vector<std::string> names = PlainSensorNames(input.scene);
+  const std::vector<int> sensor_idxs = PosedSensors(input, rig_idx);
+  std::string text;
+  for (size_t i = 0; i < sensor_idxs.size(); ++i) {
+    text += "cam" + std::to_string(i) + ":\n";
+    if (i > 0) {
+      const Rigid3 cam_from_previous =
+          *input.model.sensor_from_rig[sensor_idxs[i]] *
+          input.model.sensor_from_rig[sensor_idxs[i - 1]]->Inverse();
+      text += "  T_cn_cnm1:\n" + Matrix(cam_from_previous);
+    }
+    text += CameraText(input, sensor_idxs[i], names[sensor_idxs[i]]);
+  }
+  return {{"", std::move(text)}};
+}
+
+namespace {
+
+// The frame of a rig has the axes of its reference camera.
+struct StaticTransform {
+  std::string parent;
+  std::string child;
+  Rigid3 parent_from_child;
+};
+
+// ROS calls frames with z forward optical.
+std::vector<StaticTransform> StaticTransforms(const ExportInput& input) {
+  const Scene& scene = input.scene;
+  const std::vector<std::string> names = PlainSensorNames(scene);
+  std::vector<StaticTransform> transforms;
+  for (size_t i = 0; i < scene.rigs.size(); ++i) {
+    const std::string rig =
+        scene.rigs.size() == 1
+            ? "rig"
+            : "rig" + std::to_string(scene.rigs[i].id.value());
+    for (const int sensor_idx : PosedSensors(input, static_cast<int>(i))) {
+      transforms.push_back({rig, names[sensor_idx] + "_optical_frame",
+                            input.model.sensor_from_rig[sensor_idx]
+                                .value_or(Rigid3())
+                                .Inverse()});
+    }
+  }
+  return transforms;
+}
+
+std::string TransformYaml(const StaticTransform& transform) {
+  const Eigen::Vector3d& t = transform.parent_from_child.translation;
+  const Eigen::Quaterniond& q = transform.parent_from_child.rotation;
+  return "  - header: {frame_id: " + transform.parent +
+         "}\n    child_frame_id: " + transform.child +
+         "\n    transform:\n      translation: {x: " + Digits(t.x()) +
+         ", y: " + Digits(t.y()) + ", z: " + Digits(t.z()) +
+         "}\n      rotation: {x: " + Digits(q.x()) + ", y: " + Digits(q.y()) +
+         ", z: " + Digits(q.z()) + ", w: " + Digits(q.w()) + "}\n";
+}
+
+std::string TransformLaunch(const StaticTransform& transform) {
+  const Eigen::Vector3d& t = transform.parent_from_child.translation;
+  const Eigen::Quaterniond& q = transform.parent_from_child.rotation;
+  return "  <node pkg=\"tf2_ros\" exec=\"static_transform_publisher\" name=\"" +
+         transform.child + "_publisher\" args=\"--x " + Digits(t.x()) +
+         " --y " + Digits(t.y()) + " --z " + Digits(t.z()) + " --qx " +
+         Digits(q.x()) + " --qy " + Digits(q.y()) + " --qz " + Digits(q.z()) +
+         " --qw " + Digits(q.w()) + " --frame-id " + transform.parent +
+         " --child-frame-id " + transform.child + "\"/>\n";
+}
+
+std::string MatrixYaml(const std::string& name, int rows, int cols,
+                       const std::vector<double>& values) {
+  return name + ":\n  rows: " + std::to_string(rows) +
+         "\n  cols: " + std::to_string(cols) +
+         "\n  data: " + NumberList(values) + "\n";
+}
+
+std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,
+                           const std::string& name) {
+  const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
+  const Camera& camera = input.model.cameras[camera_idx];
+  OpenCvCamera opencv = ToOpenCvCamera(
+      input, camera_idx, "camera_info",
+      {OpenCvDistortion::kRadialTangential, OpenCvDistortion::kRational,
+       OpenCvDistortion::kEquidistant});
+  std::string model = "rational_polynomial";
+  if (opencv.distortion == OpenCvDistortion::kRadialTangential) {
+    model = "plumb_bob";
+    opencv.coefficients.push_back(0.0);  // k3
+  } else if (opencv.distortion == OpenCvDistortion::kEquidistant) {
+    model = "equidistant";
+  }
+  return "image_width: " + std::to_string(camera.width_px) +
+         "\nimage_height: " + std::to_string(camera.height_px) +
+         "\ncamera_name: " + name + "\n" +
+         MatrixYaml(
+             "camera_matrix", 3, 3,
+             {opencv.fx, 0, opencv.cx, 0, opencv.fy, opencv.cy, 0, 0, 1}) +
+         "distortion_model: " + model + "\n" +
+         MatrixYaml("distortion_coefficients", 1,
+                    static_cast<int>(opencv.coefficients.size()),
+                    opencv.coefficients) +
+         MatrixYaml("rectification_matrix", 3, 3, {1, 0, 0, 0, 1, 0, 0, 0, 1}) +
+         MatrixYaml("projection_matrix", 3, 4,
+                    {opencv.fx, 0, opencv.cx, 0, 0, opencv.fy, opencv.cy, 0, 0,
+                     0, 1, 0});
+}
+
+}  // namespace
+
+std::vector<ExportedFile> WriteRosTransforms(const ExportInput& input) {
+  std::string text = "transforms:\n";
+  for (const StaticTransform& transform : StaticTransforms(input)) {
+    text += TransformYaml(transform);
+  }
+  return {{"", std::move(text)}};
+}
+
+std::vector<ExportedFile> WriteRosLaunch(const ExportInput& input) {
+  std::string text = "<launch>\n";
+  for (const StaticTransform& transform : StaticTransforms(input)) {
+    text += TransformLaunch(transform);
+  }
+  return {{"", text + "</launch>\n"}};
+}
+
+std::vector<ExportedFile> WriteCameraInfo(const ExportInput& input) {
+  const std::vector<std::string> names = PlainSensorNames(input.scene);
+  std::vector<ExportedFile> files;
+  for (size_t i = 0; i < input.scene.sensors.size(); ++i) {
+    files.push_back({"/" + names[i] + ".yaml",
+                     CameraInfoYaml(input, static_cast<int>(i), names[i])});
+  }
+  return files;
+}
+
+}  // namespace mgsfm
