@@ -8,7 +8,7 @@
 #include "exif_times.h"
 #include "mapper_run.h"
 #include "mgsfm/database/feature_database.h"
-#include "models/rig_configuration.h"
+#include "models/rows_to_scene.h"
 
 namespace mgsfm {
 namespace {

@@ -37,6 +37,15 @@ std::string QuoteCsv(std::string_view field) {
   return quoted + '"';
 }
 
+std::string FolderOf(const std::string& name) {
+  const size_t slash = name.rfind('/');
+  return slash == std::string::npos ? "" : name.substr(0, slash);
+}
+
+std::string SizeText(int64_t width, int64_t height) {
+  return std::to_string(width) + " x " + std::to_string(height);
+}
+
 std::vector<std::string> SplitList(const std::string& list) {
   std::vector<std::string> items;
   TextInput stream(list);

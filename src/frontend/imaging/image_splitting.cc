@@ -11,6 +11,7 @@
 #include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "base/text_tools.h"
 #include "files/file_operations.h"
 #include "files/image_limits.h"
 #include "files/image_reading.h"
@@ -25,12 +26,6 @@ namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
-
-// "a/b" of "a/b/c.jpg"; "" for images in no folder.
-std::string FolderOf(const std::string& name) {
-  const size_t slash = name.rfind('/');
-  return slash == std::string::npos ? "" : name.substr(0, slash);
-}
 
 // The images of one folder, which have one size.
 struct ImageFolder {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/parallel.h"
+#include "base/text_tools.h"
 #include "database/sqlite_database.h"
 #include "files/file_operations.h"
 #include "geometry/geodetic.h"
@@ -23,12 +24,6 @@
 
 namespace mgsfm {
 namespace {
-
-// "a/b/c.png" -> "a/b".
-std::string Folder(const std::string& image_name) {
-  const size_t slash = image_name.rfind('/');
-  return slash == std::string::npos ? "" : image_name.substr(0, slash);
-}
 
 // Frame distances at which images are matched, ascending.
 std::vector<int> FrameDistances(const SequentialPairOptions& options) {
@@ -123,7 +118,7 @@ std::vector<FrameSequence> MakeFrameSequences(const Scene& scene) {
     const Frame& frame = scene.frames[frame_idx];
     const bool is_single = scene.rigs[frame.rig_idx].sensor_idxs.size() == 1;
     const std::string& image_name = scene.images[frame.image_idxs.front()].name;
-    frames_of_key[is_single ? Key(std::nullopt, Folder(image_name))
+    frames_of_key[is_single ? Key(std::nullopt, FolderOf(image_name))
                             : Key(frame.rig_idx, "")]
         .push_back(frame_idx);
   }

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/text_tools.h"
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
 #include "math/union_find.h"
@@ -17,45 +18,20 @@ namespace {
 
 constexpr size_t kNone = std::numeric_limits<size_t>::max();
 
-std::string FolderOf(const std::string& image_name) {
-  const size_t slash = image_name.rfind('/');
-  return slash == std::string::npos ? "" : image_name.substr(0, slash);
-}
-
 auto Intrinsics(const Camera& camera) {
   return std::tie(camera.model, camera.width_px, camera.height_px,
                   camera.params, camera.has_prior_focal_length);
 }
 
 std::string Describe(const Camera& camera) {
-  std::string text = std::to_string(camera.width_px) + " x " +
-                     std::to_string(camera.height_px) + " pixels, parameters";
+  std::string text =
+      SizeText(camera.width_px, camera.height_px) + " pixels, parameters";
   for (const double param : camera.params) text += ' ' + std::to_string(param);
   return text;
 }
 
-bool AreEqual(const std::optional<Rigid3>& a, const std::optional<Rigid3>& b) {
-  if (a.has_value() != b.has_value()) return false;
-  return !a || (a->rotation.coeffs() == b->rotation.coeffs() &&
-                a->translation == b->translation);
-}
-
-bool AreEqual(const std::vector<RigSensorRow>& a,
-              const std::vector<RigSensorRow>& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](const RigSensorRow& x, const RigSensorRow& y) {
-                      return x.camera_id == y.camera_id &&
-                             AreEqual(x.sensor_from_rig, y.sensor_from_rig);
-                    });
-}
-
-bool AreEqual(const std::vector<FrameDataRow>& a,
-              const std::vector<FrameDataRow>& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](const FrameDataRow& x, const FrameDataRow& y) {
-                      return x.camera_id == y.camera_id &&
-                             x.image_id == y.image_id;
-                    });
+auto Values(const FrameDataRow& data) {
+  return std::tie(data.camera_id, data.image_id);
 }
 
 // Rows that refer to cameras or rigs that do not exist.
@@ -372,8 +348,14 @@ size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
     const auto found = rig_of_camera_.find(sensor.camera_id);
     if (found == rig_of_camera_.end()) continue;
     const MergedRig& other = rigs_[found->second];
-    if (other.rig.ref_camera_id == rig.ref_camera_id &&
-        AreEqual(other.rig.sensors, rig.sensors)) {
+    const bool is_equal =
+        std::equal(rig.sensors.begin(), rig.sensors.end(),
+                   other.rig.sensors.begin(), other.rig.sensors.end(),
+                   [](const RigSensorRow& a, const RigSensorRow& b) {
+                     return a.camera_id == b.camera_id &&
+                            AreEqual(a.sensor_from_rig, b.sensor_from_rig);
+                   });
+    if (other.rig.ref_camera_id == rig.ref_camera_id && is_equal) {
       return found->second;
     }
     ThrowDatabaseError(
@@ -408,7 +390,7 @@ void RigMerger::MergeFrame(size_t input, size_t rig, const FrameRow& row) {
     const auto found = frame_of_image_.find(data.image_id.value());
     if (found == frame_of_image_.end()) continue;
     const MergedFrame& other = frames_[found->second];
-    if (other.rig == rig && AreEqual(other.data, frame.data)) return;
+    if (other.rig == rig && AreEqual(other.data, frame.data, Values)) return;
     ThrowDatabaseError(
         inputs_[input].path,
         "image '" + merged_.images[data.image_id.value() - 1].name +
@@ -449,6 +431,12 @@ void RigMerger::NumberRigsAndFrames() {
 }
 
 }  // namespace
+
+bool AreEqual(const std::optional<Rigid3>& a, const std::optional<Rigid3>& b) {
+  if (!a || !b) return a.has_value() == b.has_value();
+  return a->rotation.coeffs() == b->rotation.coeffs() &&
+         a->translation == b->translation;
+}
 
 MergedStructure MergeStructures(const std::vector<StructureInput>& inputs) {
   for (const StructureInput& input : inputs) ReferenceCheck(input).Check();

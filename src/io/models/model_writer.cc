@@ -12,7 +12,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/models/model_io.h"
-#include "models/model_file_readers.h"
+#include "models/model_file.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -27,7 +27,7 @@ class ModelFile {
   ModelFile(const std::filesystem::path& folder, const std::string& name,
             ModelFormat format)
       : is_text_(format == ModelFormat::kText),
-        path_(folder / (name + (is_text_ ? ".txt" : ".bin"))) {
+        path_(ModelFilePath(folder, name, format)) {
     errno = 0;  // for Close()
     stream_.open(path_, std::ios::binary | std::ios::trunc);
     stream_.imbue(std::locale::classic());

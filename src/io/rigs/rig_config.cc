@@ -203,8 +203,7 @@ std::string ImagePrefix(const Image& image, const std::string& sensor_name,
     const bool is_folder = end > *begin && image.name[end] == '/';
     return image.name.substr(0, is_folder ? end + 1 : end);
   }
-  const size_t slash = image.name.rfind('/');
-  return slash == std::string::npos ? "" : image.name.substr(0, slash + 1);
+  return image.name.substr(0, image.name.rfind('/') + 1);
 }
 
 // Groups the images of a rig by outer folder.
