@@ -33,7 +33,7 @@ constexpr const char* kSeparate =
 
 bool AreEqual(const std::vector<FeatureKeypoint>& a,
               const std::vector<FeatureKeypoint>& b) {
-  return AreEqual(a, b, [](const FeatureKeypoint& k) {
+  return AreEqualBy(a, b, [](const FeatureKeypoint& k) {
     return std::tie(k.x_px, k.y_px, k.a11, k.a12, k.a21, k.a22);
   });
 }
@@ -43,14 +43,14 @@ bool AreEqual(const DescriptorMatrix& a, const DescriptorMatrix& b) {
 }
 
 bool AreEqual(const std::vector<Match>& a, const std::vector<Match>& b) {
-  return AreEqual(a, b, [](const Match& match) {
+  return AreEqualBy(a, b, [](const Match& match) {
     return std::tie(match.keypoint_idx1, match.keypoint_idx2);
   });
 }
 
 bool AreEqual(const TwoViewGeometryRow& a, const TwoViewGeometryRow& b) {
   return a.config == b.config && a.F == b.F && a.E == b.E && a.H == b.H &&
-         AreEqual(a.cam2_from_cam1, b.cam2_from_cam1) &&
+         ArePosesEqual(a.cam2_from_cam1, b.cam2_from_cam1) &&
          AreEqual(a.matches, b.matches);
 }
 

@@ -23,7 +23,7 @@ auto Intrinsics(const Camera& camera) {
                   camera.params, camera.has_prior_focal_length);
 }
 
-std::string Describe(const Camera& camera) {
+std::string DescribeIntrinsics(const Camera& camera) {
   std::string text =
       SizeText(camera.width_px, camera.height_px) + " pixels, parameters";
   for (const double param : camera.params) text += ' ' + std::to_string(param);
@@ -235,8 +235,9 @@ void CameraMerger::CheckEqual(const CameraNode& a, const CameraNode& b) const {
       inputs_[a.input].prefix != inputs_[b.input].prefix;
   ThrowDatabaseError(
       inputs_[b.input].path,
-      "the camera of image '" + b.image_name + "' has " + Describe(*b.camera) +
-          ", but in '" + inputs_[a.input].path + "' " + Describe(*a.camera) +
+      "the camera of image '" + b.image_name + "' has " +
+          DescribeIntrinsics(*b.camera) + ", but in '" + inputs_[a.input].path +
+          "' " + DescribeIntrinsics(*a.camera) +
           (is_one_vehicle
                ? "; give the vehicle one calibration, or two names"
                : "; extract all images with the same options, or separate "
@@ -353,7 +354,7 @@ size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
                    other.rig.sensors.begin(), other.rig.sensors.end(),
                    [](const RigSensorRow& a, const RigSensorRow& b) {
                      return a.camera_id == b.camera_id &&
-                            AreEqual(a.sensor_from_rig, b.sensor_from_rig);
+                            ArePosesEqual(a.sensor_from_rig, b.sensor_from_rig);
                    });
     if (other.rig.ref_camera_id == rig.ref_camera_id && is_equal) {
       return found->second;
@@ -390,7 +391,7 @@ void RigMerger::MergeFrame(size_t input, size_t rig, const FrameRow& row) {
     const auto found = frame_of_image_.find(data.image_id.value());
     if (found == frame_of_image_.end()) continue;
     const MergedFrame& other = frames_[found->second];
-    if (other.rig == rig && AreEqual(other.data, frame.data, Values)) return;
+    if (other.rig == rig && AreEqualBy(other.data, frame.data, Values)) return;
     ThrowDatabaseError(
         inputs_[input].path,
         "image '" + merged_.images[data.image_id.value() - 1].name +
@@ -432,7 +433,8 @@ void RigMerger::NumberRigsAndFrames() {
 
 }  // namespace
 
-bool AreEqual(const std::optional<Rigid3>& a, const std::optional<Rigid3>& b) {
+bool ArePosesEqual(const std::optional<Rigid3>& a,
+                   const std::optional<Rigid3>& b) {
   if (!a || !b) return a.has_value() == b.has_value();
   return a->rotation.coeffs() == b->rotation.coeffs() &&
          a->translation == b->translation;

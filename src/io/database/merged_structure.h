@@ -33,12 +33,13 @@ struct MergedStructure {
 };
 
 // Whether two poses are the same to the last bit, or both absent.
-bool AreEqual(const std::optional<Rigid3>& a, const std::optional<Rigid3>& b);
+bool ArePosesEqual(const std::optional<Rigid3>& a,
+                   const std::optional<Rigid3>& b);
 
 // Whether two lists have the same values of `key`.
 template <class T, class Key>
-bool AreEqual(const std::vector<T>& a, const std::vector<T>& b,
-              const Key& key) {
+bool AreEqualBy(const std::vector<T>& a, const std::vector<T>& b,
+                const Key& key) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(),
                     [&](const T& x, const T& y) { return key(x) == key(y); });
 }

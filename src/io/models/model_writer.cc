@@ -138,7 +138,7 @@ class ModelWriter {
 
 // Sorts positions in an array by the ids of what they refer to.
 template <class Item>
-void SortById(const std::vector<Item>& items, std::vector<int>* idxs) {
+void SortIdxsById(const std::vector<Item>& items, std::vector<int>* idxs) {
   std::sort(idxs->begin(), idxs->end(),
             [&](int a, int b) { return items[a].id < items[b].id; });
 }
@@ -159,9 +159,9 @@ void ModelWriter::SelectImages() {
   for (size_t i = 0; i < scene_.rigs.size(); ++i) {
     if (has_frame[i]) rig_idxs_.push_back(static_cast<int>(i));
   }
-  SortById(scene_.images, &image_idxs_);
-  SortById(scene_.frames, &frame_idxs_);
-  SortById(scene_.rigs, &rig_idxs_);
+  SortIdxsById(scene_.images, &image_idxs_);
+  SortIdxsById(scene_.frames, &frame_idxs_);
+  SortIdxsById(scene_.rigs, &rig_idxs_);
 }
 
 void ModelWriter::AssignCameras() {

@@ -19,7 +19,7 @@ namespace {
 // Rigs have fewer cameras; more texts are those of frames.
 constexpr size_t kMaxNumCameras = 24;
 
-using Parts = std::vector<std::string>;
+using NameParts = std::vector<std::string>;
 
 // A place in the names whose texts may be cameras.
 struct Place {
@@ -44,7 +44,7 @@ bool IsSide(const std::string& part) {
   return part.size() == 1 && std::string("lrLR").find(part) < 4;
 }
 
-std::string JoinWithout(const Parts& parts, size_t position) {
+std::string JoinWithout(const NameParts& parts, size_t position) {
   std::string joined;
   for (size_t i = 0; i < parts.size(); ++i) {
     // A star keeps the place apart from the neighbors.
@@ -53,12 +53,12 @@ std::string JoinWithout(const Parts& parts, size_t position) {
   return joined;
 }
 
-std::optional<Place> RatePlace(const std::vector<Parts>& names,
+std::optional<Place> RatePlace(const std::vector<NameParts>& names,
                                size_t position) {
   Place place;
   place.position = position;
   std::map<std::string, size_t> frame_sizes;
-  for (const Parts& parts : names) {
+  for (const NameParts& parts : names) {
     if (!IsWord(parts[position])) return std::nullopt;
     place.cameras.insert(parts[position]);
     ++frame_sizes[JoinWithout(parts, position)];
@@ -79,7 +79,7 @@ std::optional<Place> RatePlace(const std::vector<Parts>& names,
   return place;
 }
 
-std::string RuleOf(const Parts& example, const Place& place) {
+std::string RuleOf(const NameParts& example, const Place& place) {
   const size_t p = place.position;
   std::string rule;
   if (p > 0) rule += ".*";
@@ -91,7 +91,7 @@ std::string RuleOf(const Parts& example, const Place& place) {
 }
 
 // Whether the rule finds the cameras of all names.
-bool Fits(const std::string& rule, const std::vector<Parts>& names,
+bool Fits(const std::string& rule, const std::vector<NameParts>& names,
           const RigInput& input, size_t position) {
   RE2::Options quiet;
   quiet.set_log_errors(false);
@@ -108,17 +108,17 @@ bool Fits(const std::string& rule, const std::vector<Parts>& names,
   return true;
 }
 
-std::vector<ImageKeys> KeysByCamera(const std::vector<Parts>& names,
+std::vector<ImageKeys> KeysByCamera(const std::vector<NameParts>& names,
                                     size_t position) {
   std::vector<ImageKeys> keys;
-  for (const Parts& parts : names) {
+  for (const NameParts& parts : names) {
     keys.push_back({"", parts[position], "", parts[position], ""});
   }
   return keys;
 }
 
 std::optional<RigRuleSuggestion> Suggest(const RigInput& input,
-                                         const std::vector<Parts>& names) {
+                                         const std::vector<NameParts>& names) {
   std::vector<Place> places;
   for (size_t p = 0; p < names.front().size(); ++p) {
     if (const auto place = RatePlace(names, p)) places.push_back(*place);
@@ -153,7 +153,7 @@ std::optional<RigRuleSuggestion> Suggest(const RigInput& input,
 
 std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input) {
   for (const bool splits_words : {false, true}) {
-    std::vector<Parts> names;
+    std::vector<NameParts> names;
     for (const ImageRow& image : input.contents.images) {
       names.push_back(SplitNameParts(image.name, splits_words));
       if (names.back().size() != names.front().size()) break;
