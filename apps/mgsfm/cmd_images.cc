@@ -22,7 +22,7 @@
 #include "mgsfm/database/feature_database.h"
 #include "mgsfm/features/feature_extraction.h"
 #include "mgsfm/features/feature_import.h"
-#include "models/rig_configuration.h"
+#include "models/rows_to_scene.h"
 #include "rigs/image_times.h"
 
 namespace mgsfm {

@@ -18,9 +18,8 @@ bool HasRigs(const PoseModel& poses) {
                      [](const ModelFrame& frame) {
                        return frame.image_ids.size() > 1;
                      }) ||
-         std::any_of(
-             poses.rigs.begin(), poses.rigs.end(),
-             [](const ModelRig& rig) { return rig.sensors.size() > 1; });
+         std::any_of(poses.rigs.begin(), poses.rigs.end(),
+                     [](const RigRow& rig) { return rig.sensors.size() > 1; });
 }
 
 }  // namespace

@@ -46,15 +46,16 @@ py::array_t<double> PoseToPython(const Rigid3& pose) {
   return MakeArray(std::move(row));
 }
 
-py::list RigsToPython(const std::vector<ModelRig>& rigs) {
+py::list RigsToPython(const std::vector<RigRow>& rigs) {
   py::list list;
-  for (const ModelRig& rig : rigs) {
+  for (const RigRow& rig : rigs) {
     py::list sensors;
-    for (const ModelSensor& sensor : rig.sensors) {
+    for (const RigSensorRow& sensor : rig.sensors) {
       py::object pose = py::none();
       if (sensor.sensor_from_rig) pose = PoseToPython(*sensor.sensor_from_rig);
-      sensors.append(
-          py::make_tuple(sensor.camera_id.value(), sensor.is_reference, pose));
+      sensors.append(py::make_tuple(sensor.camera_id.value(),
+                                    rig.ref_camera_id == sensor.camera_id,
+                                    pose));
     }
     list.append(py::make_tuple(rig.id.value(), sensors));
   }

@@ -59,7 +59,7 @@ TEST_F(PanoramaCommand, PanoramasBecomeAnAccurateModel) {
   ExpectAccurate("pano_front/", "pano/", 0.01, 0.05);
   const PoseModel model = ReadModelPoses(Path("work/sparse/0"));
   ASSERT_EQ(model.rigs.size(), 1u);
-  for (const ModelSensor& sensor : model.rigs[0].sensors) {
+  for (const RigSensorRow& sensor : model.rigs[0].sensors) {
     EXPECT_EQ(sensor.sensor_from_rig->translation.norm(), 0.0);
   }
 }

@@ -27,8 +27,8 @@ inline void FuzzCheckFinite(const Model& model) {
   for (const ModelFrame& frame : model.poses.frames) {
     FuzzCheckFinite(frame.rig_from_world);
   }
-  for (const ModelRig& rig : model.poses.rigs) {
-    for (const ModelSensor& sensor : rig.sensors) {
+  for (const RigRow& rig : model.poses.rigs) {
+    for (const RigSensorRow& sensor : rig.sensors) {
       if (sensor.sensor_from_rig) FuzzCheckFinite(*sensor.sensor_from_rig);
     }
   }

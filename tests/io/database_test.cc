@@ -125,8 +125,7 @@ TEST_F(DatabaseTest, ReadsPositionsOfAllKeypointLayouts) {
     SqliteDatabase database = SqliteDatabase::OpenReadWrite(path, path);
     SqliteStatement row = database.Prepare(
         "UPDATE keypoints SET cols = ?1, data = ?2 WHERE image_id = 3");
-    row.BindInt(1, cols);
-    row.BindBlob(2, values.data(), values.size() * sizeof(float));
+    row.Bind(cols, BlobOf(values));
     row.Run();
     const DatabaseContents read = ReadDatabase(path, Context());
     for (int i = 0; i < 20; ++i) {

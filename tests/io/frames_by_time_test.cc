@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rigs/frames_by_time.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -11,6 +9,7 @@
 #include "io/test_database.h"
 #include "mgsfm/models/scene_loading.h"
 #include "rigs/image_times.h"
+#include "rigs/rig_inference.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -205,9 +205,9 @@ TEST_P(ModelIo, ReadsBackImagesAndRigs) {
   EXPECT_EQ(model.rigs[0].id, scene.rigs[0].id);
   ASSERT_EQ(model.rigs[0].sensors.size(), 4u);
   for (size_t i = 0; i < 4; ++i) {
-    const ModelSensor& sensor = model.rigs[0].sensors[i];
+    const RigSensorRow& sensor = model.rigs[0].sensors[i];
     EXPECT_EQ(sensor.camera_id, scene.cameras[i].id);
-    EXPECT_EQ(sensor.is_reference, i == 0);
+    EXPECT_EQ(model.rigs[0].ref_camera_id == sensor.camera_id, i == 0);
     EXPECT_LT((sensor.sensor_from_rig->rotation.coeffs() -
                truth.sensor_from_rig[i]->rotation.coeffs())
                   .norm(),

@@ -110,7 +110,7 @@ TEST_P(ReadModelTest, FramesRigsAndImagesAgree) {
     EXPECT_EQ(frame.rig_id, model.rigs[0].id);
     for (const ImageId id : frame.image_ids) {
       const ModelImage& image = *image_of_id.at(id);
-      for (const ModelSensor& sensor : model.rigs[0].sensors) {
+      for (const RigSensorRow& sensor : model.rigs[0].sensors) {
         if (sensor.camera_id != image.camera_id) continue;
         const Rigid3 pose = *sensor.sensor_from_rig * frame.rig_from_world;
         EXPECT_LT((pose.Center() - image.cam_from_world.Center()).norm(), 1e-9);

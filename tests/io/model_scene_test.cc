@@ -257,8 +257,8 @@ TEST(ModelSceneTest, ImageThatContradictsItsFrameIsNamed) {
 
 TEST(ModelSceneTest, ACameraBelongsToOneRig) {
   Model model = Written(SmallDrive());
-  model.poses.rigs.push_back(
-      {RigId(99), {{model.poses.images[0].camera_id, true, Rigid3()}}});
+  const CameraId camera_id = model.poses.images[0].camera_id;
+  model.poses.rigs.push_back({RigId(99), camera_id, {{camera_id, Rigid3()}}});
   EXPECT_THAT(ErrorOfLoading(model),
               AllOf(HasSubstr("model 'folder'"), HasSubstr("rig 99")));
 }

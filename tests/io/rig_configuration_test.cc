@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "models/rig_configuration.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -8,6 +6,7 @@
 #include <set>
 
 #include "mgsfm/base/error.h"
+#include "models/rows_to_scene.h"
 #include "support/error_of.h"
 #include "support/temp_dir.h"
 

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The rule that the log proposes for images without a rig.
-#include "rigs/rig_rule_suggestion.h"
-
 #include <gtest/gtest.h>
 
 #include <cstdio>
 
 #include "io/test_database.h"
 #include "mgsfm/models/scene_loading.h"
+#include "rigs/rig_inference.h"
 #include "support/shared_data.h"
 
 namespace mgsfm {

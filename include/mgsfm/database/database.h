@@ -36,9 +36,9 @@ struct TwoViewGeometryRow {
   ImageId image_id1;
   ImageId image_id2;
   TwoViewConfig config = TwoViewConfig::kUndefined;
-  std::optional<Eigen::Matrix3d> F, E, H;
-  std::optional<Rigid3> cam2_from_cam1;
-  std::vector<Match> matches;
+  std::optional<Eigen::Matrix3d> F = {}, E = {}, H = {};
+  std::optional<Rigid3> cam2_from_cam1 = {};
+  std::vector<Match> matches = {};
 };
 
 // The same without the geometry, which takes 300 bytes.
@@ -75,6 +75,11 @@ struct FrameRow {
 // and exchanges the columns of the matches. The ids are in descending order
 // then.
 void SwapImages(TwoViewGeometryRow* pair);
+void SwapImages(std::vector<Match>* matches);
+
+// The row of a pair of which image 1 has `image_id1`.
+TwoViewGeometryRow MakePairRow(ImageId image_id1, ImageId image_id2,
+                               const ImagePair& pair);
 
 struct DatabaseContents {
   std::string path;  // named in messages

@@ -13,6 +13,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/ids.h"
 #include "mgsfm/base/options.h"
+#include "mgsfm/database/database.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
@@ -56,17 +57,6 @@ struct ModelImage {
   Rigid3 cam_from_world;
 };
 
-struct ModelSensor {
-  CameraId camera_id;
-  bool is_reference = false;
-  std::optional<Rigid3> sensor_from_rig;  // identity for the reference
-};
-
-struct ModelRig {
-  RigId id;
-  std::vector<ModelSensor> sensors;  // cameras only
-};
-
 struct ModelFrame {
   FrameId id;
   RigId rig_id;
@@ -78,7 +68,7 @@ struct ModelFrame {
 // all writers agree.
 struct PoseModel {
   std::vector<ModelImage> images;  // sorted by name
-  std::vector<ModelRig> rigs;      // empty if the model has none (COLMAP 3.8)
+  std::vector<RigRow> rigs;        // empty if the model has none (COLMAP 3.8)
   std::vector<ModelFrame> frames;  // likewise
 };
 

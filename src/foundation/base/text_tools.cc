@@ -56,6 +56,10 @@ std::string QuoteCsv(std::string_view field) {
   return quoted + '"';
 }
 
+std::string SizeText(int64_t width, int64_t height) {
+  return std::to_string(width) + " x " + std::to_string(height);
+}
+
 std::vector<std::string> SplitList(const std::string& list) {
   std::vector<std::string> items;
   TextInput stream(list);

@@ -8,23 +8,21 @@
 #include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "base/text_tools.h"
 #include "files/image_limits.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "scene/intrinsics_check.h"
+#include "scene/item_lists.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
 
 // "." for images that are in no folder.
-std::string FolderOf(const std::string& image_name) {
-  const size_t slash = image_name.rfind('/');
-  return slash == std::string::npos ? "." : image_name.substr(0, slash);
-}
-
-std::string SizeText(int width, int height) {
-  return std::to_string(width) + " x " + std::to_string(height);
+std::string FolderOrDot(const std::string& image_name) {
+  const std::string folder = FolderOfName(image_name);
+  return folder.empty() ? "." : folder;
 }
 
 const CameraModelInfo& ModelOf(const Camera& camera) {
@@ -184,12 +182,10 @@ CameraAssignment::CameraAssignment(const ImageReaderOptions& options,
   if (options.single_camera) mode_ = Mode::kSingle;
   if (options.single_camera_per_image) mode_ = Mode::kPerImage;
   if (!camera_of_folder_.empty()) CheckFolders(image_names, context);
-  std::map<CameraId, Camera> cameras;
-  for (const Camera& camera : structure.cameras) {
-    cameras.emplace(camera.id, camera);
-  }
+  const auto camera_of_id = IndexById(structure.cameras);
   for (const ImageRow& image : structure.images) {
-    camera_of_image_.emplace(image.name, cameras.at(image.camera_id));
+    camera_of_image_.emplace(
+        image.name, structure.cameras[camera_of_id.at(image.camera_id)]);
   }
   for (const auto& [name, camera] : camera_of_image_) {
     camera_of_key_.emplace(KeyOf(name), camera);
@@ -205,7 +201,7 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
   }
   std::set<std::string> folders;
   for (const std::string& name : image_names) {
-    const std::string folder = FolderOf(name);
+    const std::string folder = FolderOrDot(name);
     if (camera_of_folder_.count(folder) == 0) {
       ThrowMissingFolder(*options_.camera_params_path, folder, name);
     }
@@ -225,7 +221,7 @@ std::string CameraAssignment::KeyOf(const std::string& image_name) const {
     case Mode::kSingle:
       return "";
     case Mode::kPerFolder:
-      return FolderOf(image_name);
+      return FolderOrDot(image_name);
     default:
       return image_name;
   }
@@ -234,7 +230,7 @@ std::string CameraAssignment::KeyOf(const std::string& image_name) const {
 Camera CameraAssignment::MakeCamera(
     const std::string& image_name, int width, int height,
     std::optional<double> focal_length_px) const {
-  const auto of_folder = camera_of_folder_.find(FolderOf(image_name));
+  const auto of_folder = camera_of_folder_.find(FolderOrDot(image_name));
   if (of_folder != camera_of_folder_.end()) return of_folder->second;
   Camera camera = template_;
   camera.width_px = width;

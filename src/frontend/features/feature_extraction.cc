@@ -13,6 +13,7 @@
 #include "base/fingerprint.h"
 #include "base/grouped_warnings.h"
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "database/database_reader.h"
 #include "database/database_shard.h"
 #include "features/camera_assignment.h"
@@ -23,6 +24,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/options_io.h"
 #include "mgsfm/base/timer.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -188,10 +190,9 @@ ExtractedImage ImageExtractor::Read(const std::string& name,
 void ImageExtractor::CheckSize(const GrayImage& image, const GrayImage& mask,
                                const std::string& path) {
   if (mask.rows() == image.rows() && mask.cols() == image.cols()) return;
-  throw Error("has " + std::to_string(image.cols()) + " x " +
-              std::to_string(image.rows()) + " pixels, but its mask '" + path +
-              "' has " + std::to_string(mask.cols()) + " x " +
-              std::to_string(mask.rows()) +
+  throw Error("has " + SizeText(image.cols(), image.rows()) +
+              " pixels, but its mask '" + path + "' has " +
+              SizeText(mask.cols(), mask.rows()) +
               "; use a mask of the size of the image");
 }
 
@@ -317,12 +318,9 @@ void FeatureWriter::AddCamerasOfOthers(const std::vector<std::string>& names,
                                        const ImageExtractor& extractor) {
   std::set<std::string> keys;  // of cameras to find
   for (size_t i = begin; i < end; ++i) keys.insert(cameras_.KeyOf(names[i]));
-  std::map<CameraId, Camera> cameras;
-  for (const Camera& camera : structure_.cameras) {
-    cameras.emplace(camera.id, camera);
-  }
+  const auto camera_of_id = IndexById(structure_.cameras);
   for (const auto& [id, name] : database_->ReadShardCameras()) {
-    cameras_.Add(name, cameras.at(id));
+    cameras_.Add(name, structure_.cameras[camera_of_id.at(id)]);
     keys.erase(cameras_.KeyOf(name));
   }
   DatabaseTransaction transaction(database_);

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/text_tools.h"
 #include "features/camera_assignment.h"
 #include "features/image_file.h"
 #include "files/image_reading.h"
@@ -106,8 +107,7 @@ void FeatureImporter::CheckSize(const std::string& name,
                                 const std::string& owner) const {
   constexpr float kMargin_px = 1.0f;
   const auto text = [](const std::pair<int, int>& size) {
-    return std::to_string(size.first) + " x " + std::to_string(size.second) +
-           " px";
+    return SizeText(size.first, size.second) + " px";
   };
   if (features.size_px && *features.size_px != size_px) {
     Throw(name, "has the image_size " + text(*features.size_px) + ", but " +

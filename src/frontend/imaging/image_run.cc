@@ -14,6 +14,7 @@
 #include "base/file_reading.h"
 #include "base/grouped_warnings.h"
 #include "base/parallel.h"
+#include "base/text_tools.h"
 #include "files/exif_gps_time.h"
 #include "files/file_operations.h"
 #include "files/image_reading.h"
@@ -292,12 +293,9 @@ class ImageRun {
     if (image.cols == camera.width_px && image.rows == camera.height_px) {
       return decoded;
     }
-    const auto size = [](int width, int height) {
-      return std::to_string(width) + " x " + std::to_string(height);
-    };
-    throw Error("has " + size(image.cols, image.rows) +
+    throw Error("has " + SizeText(image.cols, image.rows) +
                 " pixels, but its camera has " +
-                size(camera.width_px, camera.height_px) +
+                SizeText(camera.width_px, camera.height_px) +
                 "; images of one camera must have one size, that of the model");
   }
 

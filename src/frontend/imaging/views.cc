@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/text_tools.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -88,8 +89,8 @@ void CheckSize(const Camera& camera, const std::string& images,
   if (has_pixels && side <= kMaxSide) return;
   throw Error("camera " + std::to_string(camera.id.value()) +
               " cannot be undistorted, as " + images + " have " +
-              std::to_string(camera.width_px) + " x " +
-              std::to_string(camera.height_px) + " pixels; " + remedy);
+              SizeText(camera.width_px, camera.height_px) + " pixels; " +
+              remedy);
 }
 
 // -------------------------------------------------------------- the border

@@ -21,12 +21,12 @@ namespace {
 constexpr std::array<double, 5> kFieldsOfViewDeg = {120, 145, 170, 195, 220};
 // At least 240 matches, whose unexplained share has a standard error of 0.014
 // if it is 0.05: kMinDifference is 3.5 times that. The maxima bound the cost.
-constexpr size_t kMaxNumPairs = 20;
-constexpr size_t kMinNumPairs = 4;
+constexpr size_t kMaxNumSampledPairs = 20;
+constexpr size_t kMinNumSampledPairs = 4;
 constexpr size_t kMinNumMatches = 60;
 constexpr size_t kMaxNumMatches = 250;
 // A share of inliers of 0.5 is found in 220 trials.
-constexpr int kMaxNumTrials = 400;
+constexpr int kMaxNumLensTrials = 400;
 // Keypoints are accurate to a fraction of a pixel, so that a tolerance below
 // that of verification tells lenses apart.
 constexpr double kToleranceFactor = 0.25;
@@ -37,7 +37,7 @@ constexpr double kToleranceFactor = 0.25;
 constexpr double kMinRatio = 2.5;
 constexpr double kMinDifference = 0.05;
 
-bool IsPerspective(CameraModelId model) {
+bool IsPerspectiveModel(CameraModelId model) {
   return model == CameraModelId::kSimplePinhole ||
          model == CameraModelId::kPinhole ||
          model == CameraModelId::kSimpleRadial ||
@@ -120,18 +120,18 @@ std::map<int, std::vector<ImageIdxPair>> SelectPairs(
     const int camera_idx = scene.images[pair->image_idx1].camera_idx;
     const Camera& camera = scene.cameras[camera_idx];
     if (camera_idx != scene.images[pair->image_idx2].camera_idx ||
-        camera.has_prior_focal_length || !IsPerspective(camera.model)) {
+        camera.has_prior_focal_length || !IsPerspectiveModel(camera.model)) {
       continue;
     }
     pairs_of_camera[camera_idx].push_back(*pair);
   }
   for (auto& [camera_idx, pairs] : pairs_of_camera) {
     std::sort(pairs.begin(), pairs.end());
-    if (pairs.size() <= kMaxNumPairs) continue;
-    for (size_t i = 0; i < kMaxNumPairs; ++i) {
-      pairs[i] = pairs[i * pairs.size() / kMaxNumPairs];
+    if (pairs.size() <= kMaxNumSampledPairs) continue;
+    for (size_t i = 0; i < kMaxNumSampledPairs; ++i) {
+      pairs[i] = pairs[i * pairs.size() / kMaxNumSampledPairs];
     }
-    pairs.resize(kMaxNumPairs);
+    pairs.resize(kMaxNumSampledPairs);
   }
   return pairs_of_camera;
 }
@@ -222,11 +222,12 @@ std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
                                          const TwoViewGeometryOptions& options,
                                          const Context& context) {
   TwoViewGeometryOptions strict = options;
-  strict.max_num_trials = std::min<int>(options.max_num_trials, kMaxNumTrials);
+  strict.max_num_trials =
+      std::min<int>(options.max_num_trials, kMaxNumLensTrials);
   strict.max_error = kToleranceFactor * options.max_error;
   std::vector<LensEvidence> evidence;
   for (const auto& [camera_idx, pair_idxs] : SelectPairs(database, scene)) {
-    if (pair_idxs.size() < kMinNumPairs) continue;
+    if (pair_idxs.size() < kMinNumSampledPairs) continue;
     std::vector<SampledPair> pairs;
     for (const ImageIdxPair& pair : pair_idxs) {
       pairs.push_back(ReadPair(database, scene, pair));

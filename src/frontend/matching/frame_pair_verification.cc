@@ -199,13 +199,6 @@ std::vector<FramePair> GroupByFrames(const ImagePairList& pairs,
   return groups;
 }
 
-std::vector<Match> Swapped(std::vector<Match> matches) {
-  for (Match& match : matches) {
-    std::swap(match.keypoint_idx1, match.keypoint_idx2);
-  }
-  return matches;
-}
-
 // The two-view geometry with images 1 and 2 exchanged.
 ImagePair Swapped(ImagePair pair) {
   if (pair.F) pair.F->transposeInPlace();
@@ -219,7 +212,7 @@ ImagePair Swapped(ImagePair pair) {
           -(pose.cam2_from_cam1 * *pose.translation_direction);
     }
   }
-  pair.matches = Swapped(std::move(pair.matches));
+  SwapImages(&pair.matches);
   return pair;
 }
 
@@ -323,7 +316,7 @@ class UnitPass {
                                       options_.two_view_geometry, context_);
       results.push_back({pair, !single.matches.empty(), std::nullopt});
       if (IsSwapped(pair)) {
-        ordered[p] = Swapped(std::move(ordered[p]));
+        SwapImages(&ordered[p]);
         single = Swapped(std::move(single));
       }
       unit.push_back(MakeUnitPair(pair, ordered[p], std::move(single)));
@@ -363,8 +356,9 @@ class UnitPass {
   void Write() {
     DatabaseTransaction transaction(&databases_.output);
     for (const Result& result : results_) {
-      databases_.output.WriteTwoViewGeometry(
-          MakeTwoViewRow(scene_, result.pair, *result.changed));
+      databases_.output.WriteTwoViewGeometry(MakePairRow(
+          scene_.images[result.pair.image_idx1].id,
+          scene_.images[result.pair.image_idx2].id, *result.changed));
     }
     transaction.Commit();
   }

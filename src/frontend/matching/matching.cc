@@ -142,7 +142,7 @@ void WriteListedMatches(const Scene& scene,
       ImagePair pair;
       pair.config = TwoViewConfig::kUncalibrated;
       pair.matches = list.matches;
-      database->WriteTwoViewGeometry(MakeTwoViewRow(scene, list.images, pair));
+      database->WriteTwoViewGeometry(MakePairRow(id1, id2, pair));
     }
   }
   transaction.Commit();

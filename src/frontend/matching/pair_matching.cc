@@ -154,7 +154,8 @@ void PairMatcher::Write(const std::vector<ImageIdxPair>& batch,
                                      result.matches);
     }
     databases_.output.WriteTwoViewGeometry(
-        MakeTwoViewRow(scene_, batch[i], result.verified));
+        MakePairRow(scene_.images[batch[i].image_idx1].id,
+                    scene_.images[batch[i].image_idx2].id, result.verified));
   }
   transaction.Commit();
   for (size_t i = 0; i < batch.size(); ++i) {

@@ -14,12 +14,6 @@
 
 namespace mgsfm {
 
-ImageIdxs::ImageIdxs(const Scene& scene) {
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    idxs_.emplace(scene.images[i].id, static_cast<int>(i));
-  }
-}
-
 std::optional<int> ImageIdxs::Find(ImageId id) const {
   const auto found = idxs_.find(id);
   if (found == idxs_.end()) return std::nullopt;
@@ -37,36 +31,31 @@ namespace {
 
 using PairCounts = std::vector<std::pair<ImageIdxPair, size_t>>;
 
-void AddPairs(const std::vector<PairCount>& rows, const ImageIdxs& image_idxs,
-              PairCounts* pairs) {
-  for (const PairCount& row : rows) {
-    if (const auto pair = image_idxs.Find(row)) {
-      pairs->emplace_back(*pair, row.num_matches);
+PairCounts CountRows(const MatchDatabases& databases, const Scene& scene,
+                     std::vector<PairCount> (FeatureDatabase::*rows)() const) {
+  const ImageIdxs image_idxs(scene);
+  PairCounts pairs;
+  for (const FeatureDatabase* database :
+       {&std::as_const(databases.output), &databases.features}) {
+    for (const PairCount& row : (database->*rows)()) {
+      if (const auto pair = image_idxs.Find(row)) {
+        pairs.emplace_back(*pair, row.num_matches);
+      }
     }
+    if (databases.AreOne()) break;
   }
+  return pairs;
 }
 
 }  // namespace
 
 PairCounts CountMatches(const MatchDatabases& databases, const Scene& scene) {
-  const ImageIdxs image_idxs(scene);
-  PairCounts pairs;
-  AddPairs(databases.output.CountMatches(), image_idxs, &pairs);
-  if (!databases.AreOne()) {
-    AddPairs(databases.features.CountMatches(), image_idxs, &pairs);
-  }
-  return pairs;
+  return CountRows(databases, scene, &FeatureDatabase::CountMatches);
 }
 
 PairCounts CountInlierMatches(const MatchDatabases& databases,
                               const Scene& scene) {
-  const ImageIdxs image_idxs(scene);
-  PairCounts pairs;
-  AddPairs(databases.output.CountInlierMatches(), image_idxs, &pairs);
-  if (!databases.AreOne()) {
-    AddPairs(databases.features.CountInlierMatches(), image_idxs, &pairs);
-  }
-  return pairs;
+  return CountRows(databases, scene, &FeatureDatabase::CountInlierMatches);
 }
 
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
@@ -120,26 +109,6 @@ uint64_t PairSeed(const std::string& image_name1,
   add(0);
   for (const char c : image_name2) add(static_cast<unsigned char>(c));
   return Random(random_seed, hash).NextBits();
-}
-
-TwoViewGeometryRow MakeTwoViewRow(const Scene& scene, const ImageIdxPair& pair,
-                                  const ImagePair& verified) {
-  TwoViewGeometryRow row{scene.images[pair.image_idx1].id,
-                         scene.images[pair.image_idx2].id,
-                         verified.config,
-                         verified.F,
-                         verified.E,
-                         verified.H,
-                         std::nullopt,
-                         verified.matches};
-  // COLMAP's format has no missing translation; zero means no direction.
-  if (verified.relative_pose) {
-    row.cam2_from_cam1 =
-        Rigid3{verified.relative_pose->cam2_from_cam1,
-               verified.relative_pose->translation_direction.value_or(
-                   Eigen::Vector3d::Zero())};
-  }
-  return row;
 }
 
 DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,

@@ -16,6 +16,7 @@
 #include "mgsfm/database/feature_database.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 
@@ -25,7 +26,7 @@ namespace mgsfm {
 
 class ImageIdxs {
  public:
-  explicit ImageIdxs(const Scene& scene);
+  explicit ImageIdxs(const Scene& scene) : idxs_(IndexById(scene.images)) {}
   std::optional<int> Find(ImageId id) const;
   std::optional<ImageIdxPair> Find(const PairCount& row) const;
 
@@ -65,9 +66,6 @@ void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
 // Seed of a pair that depends on names only, not on ids or order of work.
 uint64_t PairSeed(const std::string& image_name1,
                   const std::string& image_name2, uint64_t random_seed);
-
-TwoViewGeometryRow MakeTwoViewRow(const Scene& scene, const ImageIdxPair& pair,
-                                  const ImagePair& verified);
 
 // Reads the descriptors of an image. Throws Error, naming the image, unless
 // there is one SIFT descriptor per keypoint.

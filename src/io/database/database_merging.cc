@@ -33,13 +33,9 @@ constexpr const char* kSeparate =
 
 bool AreEqual(const std::vector<FeatureKeypoint>& a,
               const std::vector<FeatureKeypoint>& b) {
-  const auto values = [](const FeatureKeypoint& k) {
+  return AreEqualBy(a, b, [](const FeatureKeypoint& k) {
     return std::tie(k.x_px, k.y_px, k.a11, k.a12, k.a21, k.a22);
-  };
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [&](const FeatureKeypoint& x, const FeatureKeypoint& y) {
-                      return values(x) == values(y);
-                    });
+  });
 }
 
 bool AreEqual(const DescriptorMatrix& a, const DescriptorMatrix& b) {
@@ -47,24 +43,15 @@ bool AreEqual(const DescriptorMatrix& a, const DescriptorMatrix& b) {
 }
 
 bool AreEqual(const std::vector<Match>& a, const std::vector<Match>& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](const Match& x, const Match& y) {
-                      return x.keypoint_idx1 == y.keypoint_idx1 &&
-                             x.keypoint_idx2 == y.keypoint_idx2;
-                    });
+  return AreEqualBy(a, b, [](const Match& match) {
+    return std::tie(match.keypoint_idx1, match.keypoint_idx2);
+  });
 }
 
 bool AreEqual(const TwoViewGeometryRow& a, const TwoViewGeometryRow& b) {
-  const auto poses_are_equal = [&] {
-    if (!a.cam2_from_cam1 || !b.cam2_from_cam1) {
-      return a.cam2_from_cam1.has_value() == b.cam2_from_cam1.has_value();
-    }
-    return a.cam2_from_cam1->rotation.coeffs() ==
-               b.cam2_from_cam1->rotation.coeffs() &&
-           a.cam2_from_cam1->translation == b.cam2_from_cam1->translation;
-  };
   return a.config == b.config && a.F == b.F && a.E == b.E && a.H == b.H &&
-         poses_are_equal() && AreEqual(a.matches, b.matches);
+         ArePosesEqual(a.cam2_from_cam1, b.cam2_from_cam1) &&
+         AreEqual(a.matches, b.matches);
 }
 
 bool AreEqual(const PosePriorRow& a, const PosePriorRow& b) {
@@ -148,8 +135,7 @@ void PairCopier::CopyTwoViewGeometries(const SqliteDatabase& database,
     const int64_t id1 = row.Int(0) / kMaxNumIds, id2 = row.Int(0) % kMaxNumIds;
     const auto new_id1 = find(id1), new_id2 = find(id2);
     if (!new_id1 || !new_id2) continue;
-    TwoViewGeometryRow pair{
-        *new_id1, *new_id2, TwoViewConfig::kUndefined, {}, {}, {}, {}, {}};
+    TwoViewGeometryRow pair{*new_id1, *new_id2};
     DecodeTwoViewGeometry(row, database.path(), NameOf(id1, id2), &pair);
     // Ordered as the output stores it: swapping twice changes the last bits.
     if (pair.image_id2 < pair.image_id1) SwapImages(&pair);
@@ -207,6 +193,12 @@ class DatabaseCopier {
   }
 
  private:
+  // Copies a table with a row per image.
+  template <class Decode, class Values>
+  void CopyTable(const char* table, const Decode& decode,
+                 bool (FeatureDatabase::*has)(ImageId) const,
+                 Values (FeatureDatabase::*read)(ImageId) const,
+                 void (FeatureDatabase::*write)(ImageId, const Values&));
   void CopyKeypoints();
   void CopyDescriptors();
   void CopyPriors();
@@ -216,10 +208,10 @@ class DatabaseCopier {
     return found == positions_->end() ? nullptr
                                       : &structure_.images[found->second];
   }
-  [[noreturn]] void ThrowDifferent(const char* what,
+  [[noreturn]] void ThrowDifferent(const std::string& what,
                                    const ImageRow& image) const {
     ThrowDatabaseError(database_->path(),
-                       std::string(what) + " of image '" + image.name +
+                       what + " of image '" + image.name +
                            "' differ from those of another input" + kSeparate);
   }
 
@@ -232,47 +224,52 @@ class DatabaseCopier {
   std::map<ImageId, PosePriorRow> priors_;  // of images in several inputs
 };
 
-void DatabaseCopier::CopyKeypoints() {
-  SqliteStatement row = database_->Prepare(
-      "SELECT image_id, rows, cols, data FROM keypoints ORDER BY image_id");
+template <class Decode, class Values>
+void DatabaseCopier::CopyTable(const char* table, const Decode& decode,
+                               bool (FeatureDatabase::*has)(ImageId) const,
+                               Values (FeatureDatabase::*read)(ImageId) const,
+                               void (FeatureDatabase::*write)(ImageId,
+                                                              const Values&)) {
+  if (!database_->HasTable(table)) return;
+  SqliteStatement row =
+      database_->Prepare("SELECT image_id, rows, cols, data FROM " +
+                         std::string(table) + " ORDER BY image_id");
   while (row.Step()) {
     context_.CheckInterrupted();
     const ImageRow* image = Find(row.Int(0));
     if (image == nullptr) continue;
-    const std::vector<FeatureKeypoint> keypoints = MakeFeatureKeypoints(
-        DecodeKeypoints(row, database_->path(),
-                        "the keypoints of image '" + image->name + "'"));
-    if (!structure_.has_common_images || !output_.HasKeypoints(image->id)) {
-      output_.WriteKeypoints(image->id, keypoints);
-    } else if (!AreEqual(output_.ReadKeypoints(image->id), keypoints)) {
-      ThrowDifferent("the keypoints", *image);
+    const Values values = decode(row, "image '" + image->name + "'");
+    if (!structure_.has_common_images || !(output_.*has)(image->id)) {
+      (output_.*write)(image->id, values);
+    } else if (!AreEqual((output_.*read)(image->id), values)) {
+      ThrowDifferent(std::string("the ") + table, *image);
     }
   }
+}
+
+void DatabaseCopier::CopyKeypoints() {
+  CopyTable(
+      "keypoints",
+      [this](const SqliteStatement& row, const std::string& image) {
+        return MakeFeatureKeypoints(DecodeKeypoints(
+            row, database_->path(), "the keypoints of " + image));
+      },
+      &FeatureDatabase::HasKeypoints, &FeatureDatabase::ReadKeypoints,
+      &FeatureDatabase::WriteKeypoints);
 }
 
 void DatabaseCopier::CopyDescriptors() {
-  if (!database_->HasTable("descriptors")) return;
-  SqliteStatement row = database_->Prepare(
-      "SELECT image_id, rows, cols, data FROM descriptors ORDER BY image_id");
-  while (row.Step()) {
-    context_.CheckInterrupted();
-    const ImageRow* image = Find(row.Int(0));
-    if (image == nullptr) continue;
-    const DescriptorMatrix descriptors = DecodeDescriptors(
-        row, database_->path(), "image '" + image->name + "'");
-    if (!structure_.has_common_images || !output_.HasDescriptors(image->id)) {
-      output_.WriteDescriptors(image->id, descriptors);
-    } else if (!AreEqual(output_.ReadDescriptors(image->id), descriptors)) {
-      ThrowDifferent("the descriptors", *image);
-    }
-  }
+  CopyTable(
+      "descriptors",
+      [this](const SqliteStatement& row, const std::string& image) {
+        return DecodeDescriptors(row, database_->path(), image);
+      },
+      &FeatureDatabase::HasDescriptors, &FeatureDatabase::ReadDescriptors,
+      &FeatureDatabase::WriteDescriptors);
 }
 
 void DatabaseCopier::CopyPriors() {
-  if (!database_->HasTable("pose_priors")) return;
-  SqliteStatement row = database_->Prepare(PosePriorQuery(*database_));
-  while (row.Step()) {
-    PosePriorRow prior = DecodePosePrior(row);
+  for (PosePriorRow& prior : ReadPosePriorRows(*database_)) {
     const ImageRow* image = Find(prior.image_id.value());
     const bool is_empty = !prior.position.allFinite() && !prior.gravity;
     if (image == nullptr || is_empty) continue;

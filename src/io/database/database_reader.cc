@@ -9,6 +9,7 @@
 #include "base/parallel.h"
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "base/text_tools.h"
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
@@ -164,8 +165,8 @@ Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
   const int64_t height = row.Int(3);
   constexpr int64_t kMaxSize = std::numeric_limits<int>::max();
   if (width <= 0 || height <= 0 || width > kMaxSize || height > kMaxSize) {
-    source.Throw(name + " has the image size " + std::to_string(width) + " x " +
-                 std::to_string(height) + kExtractAgain);
+    source.Throw(name + " has the image size " + SizeText(width, height) +
+                 kExtractAgain);
   }
   camera.width_px = static_cast<int>(width);
   camera.height_px = static_cast<int>(height);
@@ -302,7 +303,7 @@ std::optional<TwoViewGeometryRow> DecodePair(const Source& source,
   if (selection.has_pair && !selection.has_pair(image1->name, image2->name)) {
     return std::nullopt;
   }
-  TwoViewGeometryRow pair{image1->id, image2->id, {}, {}, {}, {}, {}, {}};
+  TwoViewGeometryRow pair{image1->id, image2->id};
   DecodeTwoViewGeometry(row, source.database.path(), name, &pair);
   return pair;
 }
@@ -354,8 +355,8 @@ void CheckMatches(const Source& source, const ImageTable& images,
 void ReadRigSensors(const Source& source, std::vector<RigRow>* rigs) {
   SqliteStatement row = source.database.Prepare(
       "SELECT rig_id, sensor_id, sensor_from_rig FROM rig_sensors "
-      "WHERE sensor_type = ?1 ORDER BY rig_id, sensor_id");
-  row.BindInt(1, kCameraSensorType);
+      "WHERE sensor_type = ?1 ORDER BY rig_id, sensor_id",
+      kCameraSensorType);
   auto rig = rigs->begin();
   while (source.Next(&row)) {
     const std::string what = "camera " + std::to_string(row.Int(1)) +
@@ -422,8 +423,8 @@ std::vector<FrameRow> ReadFrames(const Source& source,
   }
   SqliteStatement data = source.database.Prepare(
       "SELECT frame_id, sensor_id, data_id FROM frame_data "
-      "WHERE sensor_type = ?1 ORDER BY frame_id, data_id");
-  data.BindInt(1, kCameraSensorType);
+      "WHERE sensor_type = ?1 ORDER BY frame_id, data_id",
+      kCameraSensorType);
   while (source.Next(&data)) {
     const std::string what = "frame " + std::to_string(data.Int(0));
     const auto position = positions.find(data.Int(0));
@@ -440,10 +441,8 @@ std::vector<FrameRow> ReadFrames(const Source& source,
          CheckedId<ImageId>(source, data.Int(2), what)});
   }
   if (images.left_out_ids.empty()) return frames;
-  frames.erase(
-      std::remove_if(frames.begin(), frames.end(),
-                     [](const FrameRow& frame) { return frame.data.empty(); }),
-      frames.end());
+  EraseUnless([](const FrameRow& frame) { return !frame.data.empty(); },
+              &frames);
   return frames;
 }
 
@@ -477,6 +476,12 @@ DatabaseContents ReadContents(const SqliteDatabase& database,
 
 }  // namespace
 
+void SwapImages(std::vector<Match>* matches) {
+  for (Match& match : *matches) {
+    std::swap(match.keypoint_idx1, match.keypoint_idx2);
+  }
+}
+
 void SwapImages(TwoViewGeometryRow* pair) {
   std::swap(pair->image_id1, pair->image_id2);
   if (pair->F) pair->F->transposeInPlace();
@@ -485,9 +490,7 @@ void SwapImages(TwoViewGeometryRow* pair) {
   if (pair->cam2_from_cam1) {
     pair->cam2_from_cam1 = pair->cam2_from_cam1->Inverse();
   }
-  for (Match& match : pair->matches) {
-    std::swap(match.keypoint_idx1, match.keypoint_idx2);
-  }
+  SwapImages(&pair->matches);
 }
 
 DatabaseContents ReadStructure(const SqliteDatabase& database,

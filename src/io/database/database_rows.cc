@@ -10,6 +10,7 @@
 #include <set>
 #include <string>
 
+#include "base/text_tools.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -142,8 +143,8 @@ bool AllFinite(const double* values, size_t size) {
                                     const char* remedy) {
   ThrowDatabaseError(
       path, name + " are damaged: " + std::to_string(row.Blob(3).size) +
-                " bytes for " + std::to_string(row.Int(1)) + " x " +
-                std::to_string(row.Int(2)) + " values" + remedy);
+                " bytes for " + SizeText(row.Int(1), row.Int(2)) + " values" +
+                remedy);
 }
 
 std::optional<Eigen::Matrix3d> DecodeMatrix(const BlobView& blob,
@@ -186,49 +187,6 @@ std::optional<Rigid3> DecodeRelativePose(const SqliteStatement& row,
   return is_default ? std::nullopt : pose;
 }
 
-}  // namespace
-
-std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
-  const Eigen::Quaterniond rotation(qvec[0], qvec[1], qvec[2], qvec[3]);
-  if (!AllFinite(qvec, 4) || !AllFinite(tvec, 3) || !(rotation.norm() > 0.0)) {
-    return std::nullopt;
-  }
-  return PoseOfFile(rotation, {tvec[0], tvec[1], tvec[2]});
-}
-
-std::string PosePriorQuery(const SqliteDatabase& database) {
-  const std::set<std::string> columns = database.Columns("pose_priors");
-  const std::string covariance =
-      columns.count("position_covariance") > 0 ? "position_covariance" : "NULL";
-  const std::string gravity = columns.count("gravity") > 0 ? "gravity" : "NULL";
-  if (columns.count("corr_data_id") > 0) {
-    return "SELECT corr_data_id, position, " + covariance +
-           ", coordinate_system, " + gravity +
-           " FROM pose_priors WHERE corr_sensor_type = " +
-           std::to_string(kCameraSensorType) + " ORDER BY corr_data_id";
-  }
-  return "SELECT image_id, position, " + covariance + ", coordinate_system, " +
-         gravity + " FROM pose_priors ORDER BY image_id";
-}
-
-std::string PriorGravityQuery(const SqliteDatabase& database) {
-  if (!database.HasTable("pose_priors")) return "";
-  const std::set<std::string> columns = database.Columns("pose_priors");
-  if (columns.count("gravity") == 0) return "";
-  if (columns.count("corr_data_id") > 0) {
-    return "SELECT corr_data_id, gravity FROM pose_priors WHERE "
-           "corr_sensor_type = " +
-           std::to_string(kCameraSensorType) + " ORDER BY corr_data_id";
-  }
-  return "SELECT image_id, gravity FROM pose_priors ORDER BY image_id";
-}
-
-std::optional<Eigen::Vector3d> DecodeVector3(const BlobView& blob) {
-  const auto values = Decode<double, 3>(blob);
-  if (!values) return std::nullopt;
-  return Eigen::Vector3d(Eigen::Vector3d::Map(values->data()));
-}
-
 PosePriorRow DecodePosePrior(const SqliteStatement& row) {
   PosePriorRow prior;
   prior.image_id = ImageId(static_cast<uint32_t>(row.Int(0)));
@@ -242,9 +200,41 @@ PosePriorRow DecodePosePrior(const SqliteStatement& row) {
   }
   prior.coordinate_system =
       static_cast<PosePriorRow::CoordinateSystem>(row.Int(3));
-  const auto gravity = DecodeVector3(row.Blob(4));
-  if (gravity && gravity->allFinite()) prior.gravity = gravity;
+  const auto gravity = Decode<double, 3>(row.Blob(4));
+  if (gravity && AllFinite(gravity->data(), gravity->size())) {
+    prior.gravity = Eigen::Vector3d::Map(gravity->data());
+  }
   return prior;
+}
+
+}  // namespace
+
+std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
+  const Eigen::Quaterniond rotation(qvec[0], qvec[1], qvec[2], qvec[3]);
+  if (!AllFinite(qvec, 4) || !AllFinite(tvec, 3) || !(rotation.norm() > 0.0)) {
+    return std::nullopt;
+  }
+  return PoseOfFile(rotation, {tvec[0], tvec[1], tvec[2]});
+}
+
+std::vector<PosePriorRow> ReadPosePriorRows(const SqliteDatabase& database) {
+  std::vector<PosePriorRow> rows;
+  if (!database.HasTable("pose_priors")) return rows;
+  const std::set<std::string> columns = database.Columns("pose_priors");
+  const auto column = [&](const std::string& name) {
+    return ", " + (columns.count(name) > 0 ? name : "NULL");
+  };
+  const bool is_version4 = columns.count("corr_data_id") > 0;
+  const std::string id = is_version4 ? "corr_data_id" : "image_id";
+  SqliteStatement row = database.Prepare(
+      "SELECT " + id + ", position" + column("position_covariance") +
+      ", coordinate_system" + column("gravity") + " FROM pose_priors" +
+      (is_version4
+           ? " WHERE corr_sensor_type = " + std::to_string(kCameraSensorType)
+           : "") +
+      " ORDER BY " + id);
+  while (row.Step()) rows.push_back(DecodePosePrior(row));
+  return rows;
 }
 
 KeypointBlob DecodeKeypoints(const SqliteStatement& row,
@@ -304,46 +294,37 @@ void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
   pair->matches = DecodeMatches(row, path, name);
 }
 
-void BindCamera(const Camera& camera, SqliteStatement* row) {
-  row->BindInt(1, static_cast<int64_t>(camera.model));
-  row->BindInt(2, camera.width_px);
-  row->BindInt(3, camera.height_px);
-  row->BindBlob(4, camera.params.data(), camera.params.size() * sizeof(double));
-  row->BindInt(5, camera.has_prior_focal_length ? 1 : 0);
-}
-
-void BindMatches(int64_t pair_id, const std::vector<Match>& matches,
-                 SqliteStatement* row) {
-  row->BindInt(1, pair_id);
-  row->BindInt(2, static_cast<int64_t>(matches.size()));
-  row->BindBlob(3, matches.data(), matches.size() * sizeof(Match));
+void RunWithCamera(const Camera& camera, std::optional<CameraId> id,
+                   SqliteStatement* row) {
+  const BlobView params = BlobOf(camera.params);
+  const auto run = [&](const auto&... ids) {
+    row->Run(camera.model, camera.width_px, camera.height_px, params,
+             camera.has_prior_focal_length, ids...);
+  };
+  id ? run(*id) : run();
 }
 
 void WriteTwoViewGeometryRow(const TwoViewGeometryRow& pair, bool none_is_null,
                              SqliteStatement* row) {
   MGSFM_CHECK_LT(pair.image_id1.value(), pair.image_id2.value());
-  BindMatches(PairId(pair.image_id1.value(), pair.image_id2.value()),
-              pair.matches, row);
-  row->BindInt(4, static_cast<int64_t>(pair.config));
   RowMajorMatrix matrices[3];  // must live until Run()
-  int parameter = 5;
+  std::optional<BlobView> blobs[3], qvec_blob, tvec_blob;
+  size_t k = 0;
   for (const auto* matrix : {&pair.F, &pair.E, &pair.H}) {
-    RowMajorMatrix& values = matrices[parameter - 5];
-    values = matrix->value_or(Eigen::Matrix3d::Zero());
-    row->BindBlob(parameter, values.data(), 9 * sizeof(double));
-    if (none_is_null && !*matrix) row->BindNull(parameter);
-    ++parameter;
+    matrices[k] = matrix->value_or(Eigen::Matrix3d::Zero());
+    if (*matrix || !none_is_null) blobs[k] = BlobOf(matrices[k].data(), 9);
+    ++k;
   }
   const Rigid3 pose = pair.cam2_from_cam1.value_or(Rigid3());
   const Eigen::Vector4d qvec(pose.rotation.w(), pose.rotation.x(),
                              pose.rotation.y(), pose.rotation.z());
-  row->BindBlob(8, qvec.data(), 4 * sizeof(double));
-  row->BindBlob(9, pose.translation.data(), 3 * sizeof(double));
-  if (none_is_null && !pair.cam2_from_cam1) {
-    row->BindNull(8);
-    row->BindNull(9);
+  if (pair.cam2_from_cam1 || !none_is_null) {
+    qvec_blob = BlobOf(qvec.data(), 4);
+    tvec_blob = BlobOf(pose.translation.data(), 3);
   }
-  row->Run();
+  row->Run(PairId(pair.image_id1.value(), pair.image_id2.value()),
+           pair.matches.size(), BlobOf(pair.matches), pair.config, blobs[0],
+           blobs[1], blobs[2], qvec_blob, tvec_blob);
 }
 
 void WriteRigRows(const std::vector<RigRow>& rigs, SqliteDatabase* database) {
@@ -358,25 +339,16 @@ void WriteRigRows(const std::vector<RigRow>& rigs, SqliteDatabase* database) {
                              ", whose reference is not a camera" +
                              kConfigureAgain);
     }
-    rig_row.BindInt(1, rig.id.value());
-    rig_row.BindInt(2, rig.ref_camera_id->value());
-    rig_row.BindInt(3, kCameraSensorType);
-    rig_row.Run();
+    rig_row.Run(rig.id, *rig.ref_camera_id, kCameraSensorType);
     for (const RigSensorRow& sensor : rig.sensors) {
       if (sensor.camera_id == *rig.ref_camera_id) continue;
-      sensor_row.BindInt(1, rig.id.value());
-      sensor_row.BindInt(2, sensor.camera_id.value());
-      sensor_row.BindInt(3, kCameraSensorType);
-      double numbers[7];
-      sensor_row.BindNull(4);
-      if (sensor.sensor_from_rig) {
-        const Rigid3& pose = *sensor.sensor_from_rig;
-        numbers[0] = pose.rotation.w();
-        Eigen::Map<Eigen::Vector3d>(numbers + 1) = pose.rotation.vec();
-        Eigen::Map<Eigen::Vector3d>(numbers + 4) = pose.translation;
-        sensor_row.BindBlob(4, numbers, sizeof(numbers));
+      Eigen::Matrix<double, 7, 1> numbers;
+      std::optional<BlobView> blob;
+      if (const auto& pose = sensor.sensor_from_rig) {
+        numbers << pose->rotation.w(), pose->rotation.vec(), pose->translation;
+        blob = BlobOf(numbers.data(), 7);
       }
-      sensor_row.Run();
+      sensor_row.Run(rig.id, sensor.camera_id, kCameraSensorType, blob);
     }
   }
 }
@@ -388,15 +360,9 @@ void WriteFrameRows(const std::vector<FrameRow>& frames,
   SqliteStatement data_row =
       database->Prepare("INSERT INTO frame_data VALUES (?1, ?2, ?3, ?4)");
   for (const FrameRow& frame : frames) {
-    frame_row.BindInt(1, frame.id.value());
-    frame_row.BindInt(2, frame.rig_id.value());
-    frame_row.Run();
+    frame_row.Run(frame.id, frame.rig_id);
     for (const FrameDataRow& data : frame.data) {
-      data_row.BindInt(1, frame.id.value());
-      data_row.BindInt(2, data.image_id.value());
-      data_row.BindInt(3, data.camera_id.value());
-      data_row.BindInt(4, kCameraSensorType);
-      data_row.Run();
+      data_row.Run(frame.id, data.image_id, data.camera_id, kCameraSensorType);
     }
   }
 }
@@ -443,10 +409,9 @@ DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
   if (rows < 0 || row.Int(2) != kSiftColumns || blob.size % kSiftColumns != 0 ||
       blob.size / kSiftColumns != static_cast<size_t>(rows)) {
     ThrowDatabaseError(
-        path, "the descriptors of " + name +
-                  " are not SIFT's: " + std::to_string(blob.size) +
-                  " bytes for " + std::to_string(rows) + " x " +
-                  std::to_string(row.Int(2)) + " values" + kExtractAgain);
+        path, "the descriptors of " + name + " are not SIFT's: " +
+                  std::to_string(blob.size) + " bytes for " +
+                  SizeText(rows, row.Int(2)) + " values" + kExtractAgain);
   }
   DescriptorMatrix descriptors(rows, kSiftColumns);
   std::memcpy(descriptors.data(), blob.data, blob.size);

@@ -67,29 +67,21 @@ std::string TwoViewGeometryQuery(const SqliteDatabase& database,
 void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
                            const std::string& name, TwoViewGeometryRow* pair);
 
-// "SELECT image, position, covariance, coordinate system, gravity FROM
-// pose_priors", for all layouts of the table; that of 3.8 is in `images` and is
-// not read.
-std::string PosePriorQuery(const SqliteDatabase& database);
-// "SELECT image, gravity FROM pose_priors", likewise; "" if it has none.
-std::string PriorGravityQuery(const SqliteDatabase& database);
-std::optional<Eigen::Vector3d> DecodeVector3(const BlobView& blob);
-// The position is not finite if the row has none; gravity is finite or none.
-PosePriorRow DecodePosePrior(const SqliteStatement& row);
+// All rows of pose_priors, by image, for all layouts of the table; that of 3.8
+// is in `images` and is not read. The position is not finite if the row has
+// none; gravity is finite or none.
+std::vector<PosePriorRow> ReadPosePriorRows(const SqliteDatabase& database);
 
 // ---------------------------------------------------------------- writing
 
-// Parameters 1 to 5: all but the id.
-void BindCamera(const Camera& camera, SqliteStatement* row);
+// Runs `row`, whose parameters are model, width, height, params, prior focal
+// length and, if it is given, the id.
+void RunWithCamera(const Camera& camera, std::optional<CameraId> id,
+                   SqliteStatement* row);
 
-// Parameters 1 to 4 of matches and of two-view geometries: id, rows, data, as
-// the number of columns is always 2.
-void BindMatches(int64_t pair_id, const std::vector<Match>& matches,
-                 SqliteStatement* row);
-
-// Runs `row`, whose parameters are those of BindMatches and then config, F, E,
-// H, qvec, tvec. What is missing is NULL or, as versions before 4.0 demand,
-// zeros and the identity. image_id1 < image_id2.
+// Runs `row`, whose parameters are pair_id, rows, data, config, F, E, H, qvec
+// and tvec. What is missing is NULL or, as versions before 4.0 demand, zeros
+// and the identity. image_id1 < image_id2.
 void WriteTwoViewGeometryRow(const TwoViewGeometryRow& pair, bool none_is_null,
                              SqliteStatement* row);
 

@@ -108,12 +108,9 @@ void WriteShardManifest(const ShardManifest& manifest,
       "PRIMARY KEY, image_name TEXT)");
   SqliteStatement row = database->Prepare(
       "INSERT OR REPLACE INTO mgsfm_shard VALUES (1, ?1, ?2, ?3, ?4, ?5)");
-  row.BindText(1, kKindNames[manifest.kind == ShardKind::kFeatures ? 0 : 1]);
-  row.BindInt(2, manifest.share.number);
-  row.BindInt(3, manifest.share.count);
-  row.BindText(4, manifest.fingerprint);
-  row.BindInt(5, manifest.is_complete ? 1 : 0);
-  row.Run();
+  row.Run(kKindNames[manifest.kind == ShardKind::kFeatures ? 0 : 1],
+          manifest.share.number, manifest.share.count, manifest.fingerprint,
+          manifest.is_complete);
 }
 
 std::map<CameraId, std::string> ReadShardCameras(
@@ -130,11 +127,9 @@ std::map<CameraId, std::string> ReadShardCameras(
 
 void WriteShardCamera(CameraId camera_id, const std::string& image_name,
                       SqliteDatabase* database) {
-  SqliteStatement row = database->Prepare(
-      "INSERT OR REPLACE INTO mgsfm_shard_cameras VALUES (?1, ?2)");
-  row.BindInt(1, camera_id.value());
-  row.BindText(2, image_name);
-  row.Run();
+  database
+      ->Prepare("INSERT OR REPLACE INTO mgsfm_shard_cameras VALUES (?1, ?2)")
+      .Run(camera_id, image_name);
 }
 
 bool BeginShard(const ShardManifest& manifest, FeatureDatabase* database) {

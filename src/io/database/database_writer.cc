@@ -9,6 +9,7 @@
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/database.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -17,9 +18,7 @@ void WriteCameras(const DatabaseContents& contents, SqliteDatabase* database) {
   SqliteStatement row =
       database->Prepare("INSERT INTO cameras VALUES (?6, ?1, ?2, ?3, ?4, ?5)");
   for (const Camera& camera : contents.cameras) {
-    BindCamera(camera, &row);
-    row.BindInt(6, camera.id.value());
-    row.Run();
+    RunWithCamera(camera, camera.id, &row);
   }
 }
 
@@ -29,15 +28,9 @@ void WriteImages(const DatabaseContents& contents, SqliteDatabase* database) {
   SqliteStatement keypoints_row =
       database->Prepare("INSERT INTO keypoints VALUES (?1, ?2, 2, ?3)");
   for (const ImageRow& image : contents.images) {
-    image_row.BindInt(1, image.id.value());
-    image_row.BindText(2, image.name);
-    image_row.BindInt(3, image.camera_id.value());
-    image_row.Run();
-    keypoints_row.BindInt(1, image.id.value());
-    keypoints_row.BindInt(2, static_cast<int64_t>(image.keypoints_px.size()));
-    keypoints_row.BindBlob(3, image.keypoints_px.data(),
-                           image.keypoints_px.size() * sizeof(Eigen::Vector2f));
-    keypoints_row.Run();
+    image_row.Run(image.id, image.name, image.camera_id);
+    keypoints_row.Run(image.id, image.keypoints_px.size(),
+                      BlobOf(image.keypoints_px));
   }
 }
 
@@ -48,9 +41,8 @@ void WritePairs(const DatabaseContents& contents, SqliteDatabase* database) {
       "INSERT INTO two_view_geometries "
       "VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
   for (const TwoViewGeometryRow& pair : contents.pairs) {
-    BindMatches(PairId(pair.image_id1.value(), pair.image_id2.value()),
-                pair.matches, &matches_row);
-    matches_row.Run();
+    matches_row.Run(PairId(pair.image_id1.value(), pair.image_id2.value()),
+                    pair.matches.size(), BlobOf(pair.matches));
     WriteTwoViewGeometryRow(pair, /*none_is_null=*/false, &geometry_row);
   }
 }
@@ -92,31 +84,6 @@ std::vector<CameraId> CamerasOfSensors(const Scene& scene,
   return camera_ids;
 }
 
-TwoViewGeometryRow MakePairRow(const Scene& scene, const ImagePair& pair) {
-  TwoViewGeometryRow row{scene.images[pair.image_idx1].id,
-                         scene.images[pair.image_idx2].id,
-                         pair.config,
-                         pair.F,
-                         pair.E,
-                         pair.H,
-                         {},
-                         pair.matches};
-  if (pair.relative_pose) {
-    row.cam2_from_cam1 =
-        Rigid3{pair.relative_pose->cam2_from_cam1,
-               pair.relative_pose->translation_direction.value_or(
-                   Eigen::Vector3d::Zero())};
-  }
-  if (row.image_id2 < row.image_id1) SwapImages(&row);
-  return row;
-}
-
-template <class Row>
-void SortById(std::vector<Row>* rows) {
-  std::sort(rows->begin(), rows->end(),
-            [](const Row& a, const Row& b) { return a.id < b.id; });
-}
-
 }  // namespace
 
 void WriteDatabase(const std::string& path, const DatabaseContents& contents,
@@ -131,6 +98,21 @@ void WriteDatabase(const std::string& path, const DatabaseContents& contents,
     std::filesystem::remove(path, ignored);
     throw;
   }
+}
+
+TwoViewGeometryRow MakePairRow(ImageId image_id1, ImageId image_id2,
+                               const ImagePair& pair) {
+  TwoViewGeometryRow row{image_id1, image_id2, pair.config, pair.F,
+                         pair.E,    pair.H,    {},          pair.matches};
+  // COLMAP's format has no missing translation; zero means no direction.
+  if (pair.relative_pose) {
+    row.cam2_from_cam1 =
+        Rigid3{pair.relative_pose->cam2_from_cam1,
+               pair.relative_pose->translation_direction.value_or(
+                   Eigen::Vector3d::Zero())};
+  }
+  if (image_id2 < image_id1) SwapImages(&row);
+  return row;
 }
 
 DatabaseContents MakeDatabaseContents(const Scene& scene,
@@ -161,7 +143,9 @@ DatabaseContents MakeDatabaseContents(const Scene& scene,
     contents.frames.push_back(std::move(row));
   }
   for (const ImagePair& pair : view_graph.pairs) {
-    contents.pairs.push_back(MakePairRow(scene, pair));
+    contents.pairs.push_back(MakePairRow(scene.images[pair.image_idx1].id,
+                                         scene.images[pair.image_idx2].id,
+                                         pair));
   }
   SortById(&contents.cameras);
   SortById(&contents.images);

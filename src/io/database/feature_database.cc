@@ -2,31 +2,329 @@
 #include "mgsfm/database/feature_database.h"
 
 #include <algorithm>
+#include <exception>
+#include <filesystem>
+#include <limits>
+#include <optional>
+#include <set>
+#include <system_error>
+#include <tuple>
 #include <utility>
 
 #include "database/database_reader.h"
 #include "database/database_rows.h"
 #include "database/database_shard.h"
-#include "database/feature_database_impl.h"
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
+// Since this version, absent matrices and poses are NULL.
+constexpr int64_t kFirstVersionWithNull = 4000000;
+// Time for other programs to finish before the database counts as in use: long
+// enough for a COLMAP transaction, short enough for a user who waits.
+constexpr const char* kBusyTimeout = "PRAGMA busy_timeout = 2000";
+
 int64_t PairIdOf(ImageId a, ImageId b) {
   MGSFM_CHECK_NE(a, b);
   return PairId(std::min(a, b).value(), std::max(a, b).value());
 }
 
-std::vector<Match> WithColumnsSwapped(std::vector<Match> matches) {
-  for (Match& match : matches) {
-    std::swap(match.keypoint_idx1, match.keypoint_idx2);
-  }
+// Matches of image_id1 and image_id2, to or from the order in the database.
+std::vector<Match> InOrder(std::vector<Match> matches, ImageId image_id1,
+                           ImageId image_id2) {
+  if (image_id2 < image_id1) SwapImages(&matches);
   return matches;
 }
 
 }  // namespace
+
+// ------------------------------------------------------- the open database
+
+// Its file or snapshot, its transaction, and what its version of the tables
+// contains.
+class FeatureDatabase::Impl {
+ public:
+  Impl(const std::string& path, OpenMode mode);
+  ~Impl();
+
+  const SqliteDatabase& database() const {
+    return file_ ? *file_ : snapshot_->database();
+  }
+  // Only for databases that are open for writing, and in order to write.
+  SqliteDatabase& file() {
+    MGSFM_CHECK_MSG(file_.has_value(), path());
+    if (tables_are_pending_ && !is_in_transaction_) Commit();
+    return *file_;
+  }
+  const std::string& path() const { return database().path(); }
+  void CheckUnchanged() const {
+    if (snapshot_) snapshot_->CheckUnchanged();
+  }
+
+  void Begin();
+  void Commit();
+  void Rollback() noexcept;
+  // Runs `write` in a transaction, the present one if there is one.
+  template <class Function>
+  void InTransaction(const Function& write) {
+    if (is_in_transaction_) return write();
+    Begin();
+    try {
+      write();
+      Commit();
+    } catch (...) {
+      Rollback();
+      throw;
+    }
+  }
+
+  bool Has(const std::string& table, const std::string& key, int64_t id) const {
+    return database()
+        .Prepare("SELECT 1 FROM " + table + " WHERE " + key + " = ?1", id)
+        .Step();
+  }
+  std::vector<ImageId> ListImages(const std::string& table) const;
+  std::vector<PairCount> ListPairs(const std::string& table) const;
+  // "image 3 'a.jpg'", for messages.
+  std::string ImageName(ImageId image_id) const;
+  std::string PairName(ImageId image_id1, ImageId image_id2) const {
+    return ImageName(image_id1) + " and " + ImageName(image_id2);
+  }
+
+  void WritePrior(const PosePriorRow& prior);
+  int64_t FindOrAddRig(CameraId camera_id);
+  // Of the row that was inserted last.
+  uint32_t LastId() {
+    SqliteStatement last = file().Prepare("SELECT last_insert_rowid()");
+    last.Step();
+    return static_cast<uint32_t>(last.Int(0));
+  }
+
+  bool none_is_null() const { return none_is_null_; }
+  bool descriptors_have_type() const { return descriptors_have_type_; }
+
+ private:
+  void CheckTables() const;
+  // Begins a transaction that adds missing tables and columns. The first write
+  // commits it, so that a run that writes nothing leaves the file as it was.
+  void AddTables();
+  bool HasPriorColumn(const std::string& column) const {
+    return prior_columns_.count(column) > 0;
+  }
+
+  // One of them.
+  std::optional<SqliteDatabase> file_;
+  std::optional<SqliteSnapshot> snapshot_;
+  bool is_new_ = false;  // there was no file, and nothing has been written
+  bool tables_are_pending_ = false;
+  bool is_in_transaction_ = false;
+  bool none_is_null_ = false;
+  bool descriptors_have_type_ = false;
+  bool images_have_priors_ = false;
+  std::set<std::string> prior_columns_;
+  std::set<std::string> prior_columns_before_;  // when the transaction began
+};
+
+FeatureDatabase::Impl::Impl(const std::string& path, OpenMode mode) {
+  if (mode == OpenMode::kReadOnly) {
+    snapshot_.emplace(path);
+  } else {
+    std::error_code ignored;
+    const bool is_new = !std::filesystem::exists(path, ignored);
+    file_.emplace(
+        SqliteDatabase::OpenOrCreate(path, mode == OpenMode::kOrCreate));
+    is_new_ = is_new;
+    // Holds the lock until the end, so that no other program adds the same
+    // rows.
+    file_->Execute(kBusyTimeout);
+    file_->Execute("PRAGMA locking_mode = EXCLUSIVE");
+    file_->Execute("PRAGMA foreign_keys = ON");
+    file_->Execute("BEGIN EXCLUSIVE; COMMIT");
+    CheckTables();
+    AddTables();
+  }
+  SqliteStatement version = database().Prepare("PRAGMA user_version");
+  version.Step();
+  none_is_null_ = version.Int(0) >= kFirstVersionWithNull;
+  descriptors_have_type_ = database().Columns("descriptors").count("type") > 0;
+  prior_columns_ = database().Columns("pose_priors");
+  images_have_priors_ = database().Columns("images").count("prior_tx") > 0;
+}
+
+FeatureDatabase::Impl::~Impl() {
+  if (!is_new_) return;
+  const std::string path = this->path();
+  file_.reset();
+  std::error_code ignored;
+  std::filesystem::remove(path, ignored);
+}
+
+void FeatureDatabase::Impl::Begin() {
+  MGSFM_CHECK(file_ && !is_in_transaction_);
+  prior_columns_before_ = prior_columns_;
+  if (!tables_are_pending_) file_->Execute("BEGIN IMMEDIATE");
+  is_in_transaction_ = true;
+}
+
+void FeatureDatabase::Impl::Commit() {
+  file_->Execute("COMMIT");
+  is_in_transaction_ = false;
+  tables_are_pending_ = false;
+  is_new_ = false;
+}
+
+void FeatureDatabase::Impl::Rollback() noexcept {
+  is_in_transaction_ = false;
+  prior_columns_.swap(prior_columns_before_);
+  try {
+    file_->Execute("ROLLBACK");
+  } catch (const Error&) {
+    // After some failures, SQLite has rolled back already.
+  }
+  if (!tables_are_pending_) return;
+  try {
+    AddTables();
+  } catch (const std::exception&) {
+    // The error before the rollback is reported.
+    tables_are_pending_ = false;
+  }
+}
+
+void FeatureDatabase::Impl::CheckTables() const {
+  const bool is_empty =
+      !database().Prepare("SELECT 1 FROM sqlite_master LIMIT 1").Step();
+  if (!is_empty && !database().HasTable("images")) {
+    ThrowDatabaseError(
+        path(), "belongs to another program, not to COLMAP; choose a new file");
+  }
+  for (const char* table : {"cameras", "images", "keypoints", "descriptors",
+                            "matches", "two_view_geometries", "pose_priors",
+                            "rigs", "rig_sensors", "frames", "frame_data"}) {
+    // Throws if it is none of COLMAP.
+    std::ignore = database().HasTable(table);
+  }
+}
+
+void FeatureDatabase::Impl::AddTables() {
+  file_->Execute("BEGIN IMMEDIATE");
+  tables_are_pending_ = true;
+  if (file_->HasTable("inlier_matches") &&
+      !file_->HasTable("two_view_geometries")) {
+    file_->Execute("ALTER TABLE inlier_matches RENAME TO two_view_geometries");
+  }
+  CreateTables(TableLayout::k38And312, &*file_);
+  const std::set<std::string> columns = file_->Columns("two_view_geometries");
+  for (const char* column : {"F", "E", "H", "qvec", "tvec"}) {
+    if (columns.count(column) > 0) continue;
+    file_->Execute(std::string("ALTER TABLE two_view_geometries ADD COLUMN ") +
+                   column + " BLOB");
+  }
+}
+
+std::vector<ImageId> FeatureDatabase::Impl::ListImages(
+    const std::string& table) const {
+  std::vector<ImageId> ids;
+  if (!database().HasTable(table)) return ids;
+  SqliteStatement row = database().Prepare("SELECT image_id FROM " + table +
+                                           " ORDER BY image_id");
+  while (row.Step()) ids.emplace_back(static_cast<uint32_t>(row.Int(0)));
+  return ids;
+}
+
+std::vector<PairCount> FeatureDatabase::Impl::ListPairs(
+    const std::string& table) const {
+  std::vector<PairCount> pairs;
+  if (!database().HasTable(table)) return pairs;
+  SqliteStatement row = database().Prepare("SELECT pair_id, rows FROM " +
+                                           table + " ORDER BY pair_id");
+  while (row.Step()) {
+    const int64_t pair_id = row.Int(0);
+    const int64_t id1 = pair_id / kMaxNumIds, id2 = pair_id % kMaxNumIds;
+    if (pair_id < 0 || id1 >= id2) {
+      ThrowDatabaseError(path(), "has the invalid pair id " +
+                                     std::to_string(pair_id) +
+                                     " in the table " + table + kMatchAgain);
+    }
+    pairs.push_back({ImageId(static_cast<uint32_t>(id1)),
+                     ImageId(static_cast<uint32_t>(id2)),
+                     static_cast<size_t>(std::max<int64_t>(0, row.Int(1)))});
+  }
+  return pairs;
+}
+
+std::string FeatureDatabase::Impl::ImageName(ImageId image_id) const {
+  SqliteStatement row = database().Prepare(
+      "SELECT name FROM images WHERE image_id = ?1", image_id);
+  return "image " + std::to_string(image_id.value()) +
+         (row.Step() ? " '" + row.Text(0) + "'" : "");
+}
+
+void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> covariance =
+      prior.covariance.value_or(Eigen::Matrix3d::Constant(kNaN));
+  const Eigen::Vector3d gravity =
+      prior.gravity.value_or(Eigen::Vector3d::Constant(kNaN));
+  if (prior.gravity && !HasPriorColumn("gravity")) {
+    file().Execute("ALTER TABLE pose_priors ADD COLUMN gravity BLOB");
+    prior_columns_.insert("gravity");
+  }
+  int64_t camera_id = 0;
+  const bool is_version4 = HasPriorColumn("corr_data_id");
+  if (is_version4) {
+    // The key of a prior is not that of its image.
+    file()
+        .Prepare(
+            "DELETE FROM pose_priors WHERE corr_data_id = ?1 AND "
+            "corr_sensor_type = ?2")
+        .Run(prior.image_id, kCameraSensorType);
+    SqliteStatement image = database().Prepare(
+        "SELECT camera_id FROM images WHERE image_id = ?1", prior.image_id);
+    MGSFM_CHECK_MSG(image.Step(), ImageName(prior.image_id));
+    camera_id = image.Int(0);
+  }
+  std::string names = "position, coordinate_system", values = "?2, ?7";
+  const auto add = [&](const char* name, const char* value) {
+    names += std::string(", ") + name;
+    values += std::string(", ") + value;
+  };
+  add(is_version4 ? "corr_data_id" : "image_id", "?1");
+  if (HasPriorColumn("position_covariance")) add("position_covariance", "?3");
+  if (HasPriorColumn("gravity")) add("gravity", "?4");
+  if (is_version4) add("corr_sensor_id, corr_sensor_type", "?5, ?6");
+  // Coordinate systems come last: SQLite ignores a parameter below the last one
+  // that does not occur.
+  file()
+      .Prepare("INSERT OR REPLACE INTO pose_priors (" + names + ") VALUES (" +
+               values + ")")
+      .Run(prior.image_id, BlobOf(prior.position.data(), 3),
+           BlobOf(covariance.data(), 9), BlobOf(gravity.data(), 3), camera_id,
+           kCameraSensorType, prior.coordinate_system);
+  if (!images_have_priors_) return;
+  file()
+      .Prepare(
+          "UPDATE images SET prior_tx = ?2, prior_ty = ?3, prior_tz = ?4 "
+          "WHERE image_id = ?1")
+      .Run(prior.image_id, prior.position.x(), prior.position.y(),
+           prior.position.z());
+}
+
+int64_t FeatureDatabase::Impl::FindOrAddRig(CameraId camera_id) {
+  SqliteStatement rig = file().Prepare(
+      "SELECT rig_id FROM rigs WHERE ref_sensor_id = ?1 AND "
+      "ref_sensor_type = ?2 UNION SELECT rig_id FROM rig_sensors WHERE "
+      "sensor_id = ?1 AND sensor_type = ?2",
+      camera_id, kCameraSensorType);
+  if (rig.Step()) return rig.Int(0);
+  file()
+      .Prepare(
+          "INSERT INTO rigs (ref_sensor_id, ref_sensor_type) "
+          "VALUES (?1, ?2)")
+      .Run(camera_id, kCameraSensorType);
+  return LastId();
+}
 
 // -------------------------------------------------------------- reading
 
@@ -93,67 +391,56 @@ std::vector<PairCount> FeatureDatabase::CountInlierMatches() const {
 
 std::vector<FeatureKeypoint> FeatureDatabase::ReadKeypoints(
     ImageId image_id) const {
-  SqliteStatement row = impl_->Select(
+  SqliteStatement row = impl_->database().Prepare(
       "SELECT image_id, rows, cols, data FROM keypoints WHERE image_id = ?1",
-      image_id.value());
+      image_id);
   if (!row.Step()) return {};
   return MakeFeatureKeypoints(DecodeKeypoints(
       row, path(), "the keypoints of " + impl_->ImageName(image_id)));
 }
 
 DescriptorMatrix FeatureDatabase::ReadDescriptors(ImageId image_id) const {
-  SqliteStatement row = impl_->Select(
+  SqliteStatement row = impl_->database().Prepare(
       "SELECT image_id, rows, cols, data FROM descriptors WHERE image_id = ?1",
-      image_id.value());
+      image_id);
   if (!row.Step()) return DescriptorMatrix(0, kSiftColumns);
   return DecodeDescriptors(row, path(), impl_->ImageName(image_id));
 }
 
 std::vector<Match> FeatureDatabase::ReadMatches(ImageId image_id1,
                                                 ImageId image_id2) const {
-  SqliteStatement row = impl_->Select(
+  SqliteStatement row = impl_->database().Prepare(
       "SELECT pair_id, rows, cols, data FROM matches WHERE pair_id = ?1",
       PairIdOf(image_id1, image_id2));
   if (!row.Step()) return {};
-  std::vector<Match> matches = DecodeMatches(
-      row, path(),
-      impl_->ImageName(image_id1) + " and " + impl_->ImageName(image_id2));
-  return image_id2 < image_id1 ? WithColumnsSwapped(std::move(matches))
-                               : matches;
+  return InOrder(DecodeMatches(row, path(),
+                               impl_->ImageName(image_id1) + " and " +
+                                   impl_->ImageName(image_id2)),
+                 image_id1, image_id2);
 }
 
 std::optional<TwoViewGeometryRow> FeatureDatabase::ReadTwoViewGeometry(
     ImageId image_id1, ImageId image_id2) const {
-  SqliteStatement row = impl_->Select(
+  SqliteStatement row = impl_->database().Prepare(
       TwoViewGeometryQuery(impl_->database(), "two_view_geometries") +
           " WHERE pair_id = ?1",
       PairIdOf(image_id1, image_id2));
   if (!row.Step()) return std::nullopt;
   TwoViewGeometryRow pair{std::min(image_id1, image_id2),
-                          std::max(image_id1, image_id2),
-                          TwoViewConfig::kUndefined,
-                          {},
-                          {},
-                          {},
-                          {},
-                          {}};
-  DecodeTwoViewGeometry(
-      row, path(),
-      impl_->ImageName(image_id1) + " and " + impl_->ImageName(image_id2),
-      &pair);
+                          std::max(image_id1, image_id2)};
+  DecodeTwoViewGeometry(row, path(), impl_->PairName(image_id1, image_id2),
+                        &pair);
   if (image_id2 < image_id1) SwapImages(&pair);
   return pair;
 }
 
 std::vector<PosePriorRow> FeatureDatabase::ReadPosePriors() const {
-  std::vector<PosePriorRow> priors;
-  if (!impl_->database().HasTable("pose_priors")) return priors;
-  SqliteStatement row =
-      impl_->database().Prepare(PosePriorQuery(impl_->database()));
-  while (row.Step()) {
-    const PosePriorRow prior = DecodePosePrior(row);
-    if (prior.position.allFinite()) priors.push_back(prior);
-  }
+  std::vector<PosePriorRow> priors = ReadPosePriorRows(impl_->database());
+  priors.erase(std::remove_if(priors.begin(), priors.end(),
+                              [](const PosePriorRow& prior) {
+                                return !prior.position.allFinite();
+                              }),
+               priors.end());
   return priors;
 }
 
@@ -163,46 +450,39 @@ CameraId FeatureDatabase::AddCamera(const Camera& camera) {
   SqliteStatement row = impl_->file().Prepare(
       "INSERT INTO cameras (model, width, height, params, prior_focal_length) "
       "VALUES (?1, ?2, ?3, ?4, ?5)");
-  BindCamera(camera, &row);
-  return CameraId(impl_->AddRow(&row));
+  RunWithCamera(camera, std::nullopt, &row);
+  return CameraId(impl_->LastId());
 }
 
 void FeatureDatabase::UpdateCamera(const Camera& camera) {
   SqliteStatement row = impl_->file().Prepare(
       "UPDATE cameras SET model = ?1, width = ?2, height = ?3, params = ?4, "
       "prior_focal_length = ?5 WHERE camera_id = ?6");
-  BindCamera(camera, &row);
-  row.BindInt(6, camera.id.value());
-  row.Run();
+  RunWithCamera(camera, camera.id, &row);
 }
 
 ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id) {
-  SqliteStatement row = impl_->file().Prepare(
-      "INSERT INTO images (name, camera_id) VALUES (?1, ?2)");
-  row.BindText(1, name);
-  row.BindInt(2, camera_id.value());
-  return ImageId(impl_->AddRow(&row));
+  impl_->file()
+      .Prepare("INSERT INTO images (name, camera_id) VALUES (?1, ?2)")
+      .Run(name, camera_id);
+  return ImageId(impl_->LastId());
 }
 
 void FeatureDatabase::SetImageCamera(ImageId image_id, CameraId camera_id) {
-  SqliteStatement row = impl_->file().Prepare(
-      "UPDATE images SET camera_id = ?2 WHERE image_id = ?1");
-  row.BindInt(1, image_id.value());
-  row.BindInt(2, camera_id.value());
-  row.Run();
+  impl_->file()
+      .Prepare("UPDATE images SET camera_id = ?2 WHERE image_id = ?1")
+      .Run(image_id, camera_id);
 }
 
 void FeatureDatabase::WriteKeypoints(
     ImageId image_id, const std::vector<FeatureKeypoint>& keypoints) {
   static_assert(sizeof(FeatureKeypoint) == 6 * sizeof(float),
                 "as in the database");
-  SqliteStatement row = impl_->file().Prepare(
-      "INSERT OR REPLACE INTO keypoints (image_id, rows, cols, data) "
-      "VALUES (?1, ?2, 6, ?3)");
-  row.BindInt(1, image_id.value());
-  row.BindInt(2, static_cast<int64_t>(keypoints.size()));
-  row.BindBlob(3, keypoints.data(), keypoints.size() * sizeof(FeatureKeypoint));
-  row.Run();
+  impl_->file()
+      .Prepare(
+          "INSERT OR REPLACE INTO keypoints (image_id, rows, cols, data) "
+          "VALUES (?1, ?2, 6, ?3)")
+      .Run(image_id, keypoints.size(), BlobOf(keypoints));
 }
 
 void FeatureDatabase::WriteDescriptors(ImageId image_id,
@@ -210,20 +490,17 @@ void FeatureDatabase::WriteDescriptors(ImageId image_id,
   // Feature types of COLMAP 4.
   constexpr int kUndefined = -1;
   constexpr int kSift = 0;
-  SqliteStatement row = impl_->file().Prepare(
-      impl_->descriptors_have_type()
-          ? "INSERT OR REPLACE INTO descriptors "
-            "(image_id, rows, cols, data, type) VALUES (?1, ?2, ?3, ?4, ?5)"
-          : "INSERT OR REPLACE INTO descriptors "
-            "(image_id, rows, cols, data) VALUES (?1, ?2, ?3, ?4)");
-  row.BindInt(1, image_id.value());
-  row.BindInt(2, descriptors.rows());
-  row.BindInt(3, descriptors.cols());
-  row.BindBlob(4, descriptors.data(), descriptors.size());
-  if (impl_->descriptors_have_type()) {
-    row.BindInt(5, descriptors.cols() == kSiftColumns ? kSift : kUndefined);
-  }
-  row.Run();
+  // The last parameter is that of data: SQLite ignores one below it that does
+  // not occur.
+  impl_->file()
+      .Prepare(impl_->descriptors_have_type()
+                   ? "INSERT OR REPLACE INTO descriptors (image_id, rows, "
+                     "cols, type, data) VALUES (?1, ?2, ?3, ?4, ?5)"
+                   : "INSERT OR REPLACE INTO descriptors (image_id, rows, "
+                     "cols, data) VALUES (?1, ?2, ?3, ?5)")
+      .Run(image_id, descriptors.rows(), descriptors.cols(),
+           descriptors.cols() == kSiftColumns ? kSift : kUndefined,
+           BlobOf(descriptors.data(), static_cast<size_t>(descriptors.size())));
 }
 
 void FeatureDatabase::WritePosePrior(const PosePriorRow& prior) {
@@ -232,15 +509,12 @@ void FeatureDatabase::WritePosePrior(const PosePriorRow& prior) {
 
 void FeatureDatabase::WriteMatches(ImageId image_id1, ImageId image_id2,
                                    const std::vector<Match>& matches) {
-  const std::vector<Match> swapped = image_id2 < image_id1
-                                         ? WithColumnsSwapped(matches)
-                                         : std::vector<Match>();
-  SqliteStatement row = impl_->file().Prepare(
-      "INSERT OR REPLACE INTO matches (pair_id, rows, cols, data) "
-      "VALUES (?1, ?2, 2, ?3)");
-  BindMatches(PairIdOf(image_id1, image_id2),
-              image_id2 < image_id1 ? swapped : matches, &row);
-  row.Run();
+  const std::vector<Match> ordered = InOrder(matches, image_id1, image_id2);
+  impl_->file()
+      .Prepare(
+          "INSERT OR REPLACE INTO matches (pair_id, rows, cols, data) "
+          "VALUES (?1, ?2, 2, ?3)")
+      .Run(PairIdOf(image_id1, image_id2), ordered.size(), BlobOf(ordered));
 }
 
 void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
@@ -258,12 +532,28 @@ void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
 
 void FeatureDatabase::AddSingleImageFrame(ImageId image_id,
                                           CameraId camera_id) {
-  impl_->InTransaction([&] { impl_->AddFrame(image_id, camera_id); });
+  impl_->InTransaction([&] {
+    impl_->file()
+        .Prepare("INSERT INTO frames (rig_id) VALUES (?1)")
+        .Run(impl_->FindOrAddRig(camera_id));
+    const uint32_t frame_id = impl_->LastId();
+    impl_->file()
+        .Prepare(
+            "INSERT INTO frame_data (frame_id, data_id, sensor_id, "
+            "sensor_type) VALUES (?1, ?2, ?3, ?4)")
+        .Run(frame_id, image_id, camera_id, kCameraSensorType);
+  });
 }
 
 void FeatureDatabase::WriteRigsAndFrames(const std::vector<RigRow>& rigs,
                                          const std::vector<FrameRow>& frames) {
-  impl_->InTransaction([&] { impl_->ReplaceRigsAndFrames(rigs, frames); });
+  impl_->InTransaction([&] {
+    for (const char* table : {"frame_data", "frames", "rig_sensors", "rigs"}) {
+      impl_->file().Execute(std::string("DELETE FROM ") + table);
+    }
+    WriteRigRows(rigs, &impl_->file());
+    WriteFrameRows(frames, &impl_->file());
+  });
 }
 
 std::optional<ShardManifest> FeatureDatabase::ReadShard() const {

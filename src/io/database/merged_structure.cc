@@ -23,35 +23,15 @@ auto Intrinsics(const Camera& camera) {
                   camera.params, camera.has_prior_focal_length);
 }
 
-std::string Describe(const Camera& camera) {
-  std::string text = std::to_string(camera.width_px) + " x " +
-                     std::to_string(camera.height_px) + " pixels, parameters";
+std::string DescribeIntrinsics(const Camera& camera) {
+  std::string text =
+      SizeText(camera.width_px, camera.height_px) + " pixels, parameters";
   for (const double param : camera.params) text += ' ' + std::to_string(param);
   return text;
 }
 
-bool AreEqual(const std::optional<Rigid3>& a, const std::optional<Rigid3>& b) {
-  if (a.has_value() != b.has_value()) return false;
-  return !a || (a->rotation.coeffs() == b->rotation.coeffs() &&
-                a->translation == b->translation);
-}
-
-bool AreEqual(const std::vector<RigSensorRow>& a,
-              const std::vector<RigSensorRow>& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](const RigSensorRow& x, const RigSensorRow& y) {
-                      return x.camera_id == y.camera_id &&
-                             AreEqual(x.sensor_from_rig, y.sensor_from_rig);
-                    });
-}
-
-bool AreEqual(const std::vector<FrameDataRow>& a,
-              const std::vector<FrameDataRow>& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](const FrameDataRow& x, const FrameDataRow& y) {
-                      return x.camera_id == y.camera_id &&
-                             x.image_id == y.image_id;
-                    });
+auto Values(const FrameDataRow& data) {
+  return std::tie(data.camera_id, data.image_id);
 }
 
 // Rows that refer to cameras or rigs that do not exist.
@@ -255,8 +235,9 @@ void CameraMerger::CheckEqual(const CameraNode& a, const CameraNode& b) const {
       inputs_[a.input].prefix != inputs_[b.input].prefix;
   ThrowDatabaseError(
       inputs_[b.input].path,
-      "the camera of image '" + b.image_name + "' has " + Describe(*b.camera) +
-          ", but in '" + inputs_[a.input].path + "' " + Describe(*a.camera) +
+      "the camera of image '" + b.image_name + "' has " +
+          DescribeIntrinsics(*b.camera) + ", but in '" + inputs_[a.input].path +
+          "' " + DescribeIntrinsics(*a.camera) +
           (is_one_vehicle
                ? "; give the vehicle one calibration, or two names"
                : "; extract all images with the same options, or separate "
@@ -368,8 +349,14 @@ size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
     const auto found = rig_of_camera_.find(sensor.camera_id);
     if (found == rig_of_camera_.end()) continue;
     const MergedRig& other = rigs_[found->second];
-    if (other.rig.ref_camera_id == rig.ref_camera_id &&
-        AreEqual(other.rig.sensors, rig.sensors)) {
+    const bool is_equal =
+        std::equal(rig.sensors.begin(), rig.sensors.end(),
+                   other.rig.sensors.begin(), other.rig.sensors.end(),
+                   [](const RigSensorRow& a, const RigSensorRow& b) {
+                     return a.camera_id == b.camera_id &&
+                            ArePosesEqual(a.sensor_from_rig, b.sensor_from_rig);
+                   });
+    if (other.rig.ref_camera_id == rig.ref_camera_id && is_equal) {
       return found->second;
     }
     ThrowDatabaseError(
@@ -404,7 +391,7 @@ void RigMerger::MergeFrame(size_t input, size_t rig, const FrameRow& row) {
     const auto found = frame_of_image_.find(data.image_id.value());
     if (found == frame_of_image_.end()) continue;
     const MergedFrame& other = frames_[found->second];
-    if (other.rig == rig && AreEqual(other.data, frame.data)) return;
+    if (other.rig == rig && AreEqualBy(other.data, frame.data, Values)) return;
     ThrowDatabaseError(
         inputs_[input].path,
         "image '" + merged_.images[data.image_id.value() - 1].name +
@@ -445,6 +432,13 @@ void RigMerger::NumberRigsAndFrames() {
 }
 
 }  // namespace
+
+bool ArePosesEqual(const std::optional<Rigid3>& a,
+                   const std::optional<Rigid3>& b) {
+  if (!a || !b) return a.has_value() == b.has_value();
+  return a->rotation.coeffs() == b->rotation.coeffs() &&
+         a->translation == b->translation;
+}
 
 MergedStructure MergeStructures(const std::vector<StructureInput>& inputs) {
   for (const StructureInput& input : inputs) ReferenceCheck(input).Check();

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -29,6 +31,18 @@ struct MergedStructure {
   std::vector<std::unordered_map<int64_t, size_t>> image_positions;
   bool has_common_images = false;
 };
+
+// Whether two poses are the same to the last bit, or both absent.
+bool ArePosesEqual(const std::optional<Rigid3>& a,
+                   const std::optional<Rigid3>& b);
+
+// Whether two lists have the same values of `key`.
+template <class T, class Key>
+bool AreEqualBy(const std::vector<T>& a, const std::vector<T>& b,
+                const Key& key) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [&](const T& x, const T& y) { return key(x) == key(y); });
+}
 
 // The union, in canonical order and with the ids 1, 2, ...: images by name,
 // everything else by its first image. The result depends neither on the order

@@ -123,10 +123,6 @@ int SqliteStatement::CountBytes(int column) const {
   return size;
 }
 
-void SqliteStatement::BindNull(int parameter) {
-  Check(sqlite3_bind_null(statement_.get(), parameter));
-}
-
 void SqliteStatement::BindInt(int parameter, int64_t value) {
   Check(sqlite3_bind_int64(statement_.get(), parameter, value));
 }
@@ -140,10 +136,12 @@ void SqliteStatement::BindText(int parameter, const std::string& value) {
                             value.size(), SQLITE_TRANSIENT, SQLITE_UTF8));
 }
 
-void SqliteStatement::BindBlob(int parameter, const void* data, size_t size) {
+void SqliteStatement::BindBlob(int parameter,
+                               const std::optional<BlobView>& blob) {
+  if (!blob) return Check(sqlite3_bind_null(statement_.get(), parameter));
   // A null pointer would be bound as NULL instead of an empty blob.
-  const void* bytes = size == 0 ? "" : data;
-  Check(sqlite3_bind_blob64(statement_.get(), parameter, bytes, size,
+  const void* bytes = blob->size == 0 ? "" : blob->data;
+  Check(sqlite3_bind_blob64(statement_.get(), parameter, bytes, blob->size,
                             SQLITE_STATIC));
 }
 
@@ -222,6 +220,33 @@ SqliteDatabase SqliteDatabase::Create(const std::string& path) {
   return SqliteDatabase(path, path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
 }
 
+SqliteDatabase SqliteDatabase::OpenOrCreate(const std::string& path,
+                                            bool may_create) {
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  if (path.front() == ':') {
+    ThrowDatabaseError(path,
+                       "is not a file to SQLite, and would be lost; choose "
+                       "another name");
+  }
+  if (fs::is_directory(path, ignored)) {
+    ThrowDatabaseError(path, "is a folder; choose a file in it");
+  }
+  if (!fs::exists(path, ignored)) {
+    if (!may_create) {
+      ThrowDatabaseError(path,
+                         "there is no such file; check the path, or run the "
+                         "feature extractor first");
+    }
+    const fs::path folder = fs::absolute(path).parent_path();
+    if (!fs::is_directory(folder, ignored)) {
+      ThrowDatabaseError(path, "cannot be created, as there is no folder '" +
+                                   folder.string() + "'; create it first");
+    }
+  }
+  return Create(path);
+}
+
 void SqliteDatabase::Execute(const std::string& sql) {
   ThrowUnlessOk(sqlite3_exec(db_.get(), sql.c_str(), nullptr, nullptr, nullptr),
                 path_, db_.get());
@@ -235,12 +260,11 @@ SqliteStatement SqliteDatabase::Prepare(const std::string& sql) const {
 bool SqliteDatabase::HasTable(const std::string& table) const {
   SqliteStatement entry = Prepare(
       "SELECT type = 'view' OR sql LIKE 'CREATE VIRTUAL%' FROM sqlite_master "
-      "WHERE type IN ('table', 'view') AND name = ?1 COLLATE NOCASE");
-  entry.BindText(1, table);
+      "WHERE type IN ('table', 'view') AND name = ?1 COLLATE NOCASE",
+      table);
   if (!entry.Step()) return false;
   SqliteStatement computed =
-      Prepare("SELECT 1 FROM pragma_table_xinfo(?1) WHERE hidden != 0");
-  computed.BindText(1, table);
+      Prepare("SELECT 1 FROM pragma_table_xinfo(?1) WHERE hidden != 0", table);
   if (entry.Int(0) != 0 || computed.Step()) {
     ThrowDatabaseError(path_, "computes the rows of '" + table +
                                   "' instead of storing them, so it is not "

@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "mgsfm/base/error.h"
@@ -19,11 +20,21 @@ namespace mgsfm {
 [[noreturn]] void ThrowDatabaseError(const std::string& path,
                                      const std::string& problem);
 
-// Bytes of a column, valid until the next step of the statement.
+// Bytes of a column, valid until the next step of the statement, or of a
+// parameter, valid until it runs.
 struct BlobView {
   const char* data = nullptr;
   size_t size = 0;
 };
+
+template <class T>
+BlobView BlobOf(const T* values, size_t size) {
+  return {reinterpret_cast<const char*>(values), size * sizeof(T)};
+}
+template <class T>
+BlobView BlobOf(const std::vector<T>& values) {
+  return BlobOf(values.data(), values.size());
+}
 
 // A prepared statement. Parameters count from 1, columns from 0, as in SQLite.
 class SqliteStatement {
@@ -34,21 +45,47 @@ class SqliteStatement {
 
   // Advances to the next row; returns false after the last.
   bool Step();
-  // Runs a statement without result rows and resets it for new parameters.
+  // Runs a statement without result rows and resets it for new parameters,
+  // after binding these values.
   void Run();
+  template <class First, class... Others>
+  void Run(const First& first, const Others&... others) {
+    Bind(first, others...);
+    Run();
+  }
+
+  // Binds the parameters 1, 2, ...: integers, enumerators, ids, floating-point
+  // numbers, texts and blobs; nullopt is NULL.
+  template <class... Values>
+  void Bind(const Values&... values) {
+    int parameter = 0;
+    (BindOne(++parameter, values), ...);
+  }
 
   int64_t Int(int column) const;
   std::string Text(int column) const;
   BlobView Blob(int column) const;
 
-  void BindNull(int parameter);
+ private:
+  template <class Value>
+  void BindOne(int parameter, const Value& value) {
+    if constexpr (std::is_integral_v<Value> || std::is_enum_v<Value>) {
+      BindInt(parameter, static_cast<int64_t>(value));
+    } else if constexpr (std::is_floating_point_v<Value>) {
+      BindDouble(parameter, value);
+    } else if constexpr (std::is_convertible_v<Value, std::string>) {
+      BindText(parameter, value);
+    } else if constexpr (std::is_convertible_v<Value,
+                                               std::optional<BlobView>>) {
+      BindBlob(parameter, value);
+    } else {
+      BindInt(parameter, value.value());
+    }
+  }
   void BindInt(int parameter, int64_t value);
   void BindDouble(int parameter, double value);
   void BindText(int parameter, const std::string& value);
-  // The bytes must live until Run().
-  void BindBlob(int parameter, const void* data, size_t size);
-
- private:
+  void BindBlob(int parameter, const std::optional<BlobView>& blob);
   void Check(int result) const;
   int CountBytes(int column) const;
 
@@ -74,6 +111,10 @@ class SqliteDatabase {
   static SqliteDatabase OpenReadWrite(const std::string& file,
                                       const std::string& path);
   static SqliteDatabase Create(const std::string& path);
+  // Opens a file for reading and writing. Throws Error, naming what is wrong
+  // with the path, if it cannot be one, and if there is no file unless
+  // `may_create`.
+  static SqliteDatabase OpenOrCreate(const std::string& path, bool may_create);
 
   // From now on, a statement that does more work or reads more bytes than a
   // sound file of this size can cause throws Error. Trees of pages with cycles
@@ -82,6 +123,13 @@ class SqliteDatabase {
 
   void Execute(const std::string& sql);
   SqliteStatement Prepare(const std::string& sql) const;
+  template <class... Values>
+  SqliteStatement Prepare(const std::string& sql,
+                          const Values&... values) const {
+    SqliteStatement statement = Prepare(sql);
+    statement.Bind(values...);
+    return statement;
+  }
   // Throws Error if the name is that of a view or of a table whose rows are
   // computed: COLMAP has none, and reading them would run foreign code.
   bool HasTable(const std::string& table) const;

@@ -13,6 +13,7 @@
 
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -329,9 +330,8 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
   const std::optional<ImageSize> size = ReadImageSize(file);
   DecodedImage image;
   if (size && size->width > max_num_pixels / size->height) {
-    throw Error("has " + std::to_string(size->width) + " x " +
-                std::to_string(size->height) + " pixels, more than " +
-                std::to_string(max_num_pixels) +
+    throw Error("has " + SizeText(size->width, size->height) +
+                " pixels, more than " + std::to_string(max_num_pixels) +
                 "; make it smaller, or raise ImageReader.max_num_pixels");
   }
   const MessageCapture capture;

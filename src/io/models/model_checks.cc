@@ -12,8 +12,11 @@
 #include "base/format.h"
 #include "geometry/rigid_matrix.h"
 #include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "scene/item_lists.h"
+#include "scene/typical_pose.h"
 
 namespace mgsfm {
 namespace {
@@ -36,28 +39,28 @@ class TableCheck {
  public:
   TableCheck(const PoseModel& poses, const fs::path& folder)
       : folder_(folder),
-        max_distance_(kMaxContradiction * Extent(poses) + 1e-12) {
+        images_(poses.images),
+        max_distance_(kMaxContradiction * Extent(poses) + 1e-12),
+        image_of_id_(IndexById(poses.images)) {
     std::set<CameraId> cameras;
-    for (const ModelRig& rig : poses.rigs) {
-      for (const ModelSensor& sensor : rig.sensors) {
+    for (const RigRow& rig : poses.rigs) {
+      for (const RigSensorRow& sensor : rig.sensors) {
         sensor_from_rig_[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
         if (cameras.insert(sensor.camera_id).second) continue;
-        throw Error("model '" + folder.string() + "': rig " +
-                    std::to_string(rig.id.value()) + " has camera " +
-                    std::to_string(sensor.camera_id.value()) +
-                    ", which it or another rig has already; write the model "
-                    "again with the program that made it");
+        ThrowModelError(
+            folder, "rig " + std::to_string(rig.id.value()) + " has camera " +
+                        std::to_string(sensor.camera_id.value()) +
+                        ", which it or another rig has already; write the "
+                        "model again with the program that made it");
       }
-    }
-    for (const ModelImage& image : poses.images) {
-      image_of_id_.emplace(image.id, &image);
     }
   }
 
   void Check(const ModelFrame& frame) {
     for (const ImageId id : frame.image_ids) {
       const auto image = image_of_id_.find(id);
-      if (image != image_of_id_.end()) CheckImage(frame, *image->second);
+      if (image == image_of_id_.end()) continue;
+      CheckImage(frame, images_[image->second]);
     }
   }
 
@@ -65,18 +68,20 @@ class TableCheck {
   void CheckImage(const ModelFrame& frame, const ModelImage& image);
   [[noreturn]] void Throw(const ModelFrame& frame, const ModelImage& image,
                           const std::string& problem) const {
-    throw Error("model '" + folder_.string() + "': image '" + image.name +
-                "' " + problem + " of its frame " +
-                std::to_string(frame.id.value()) +
-                "; if another program wrote the images, its rigs and frames "
-                "are of an earlier model: remove the files rigs and frames, or "
-                "set rig_name_rule or rig_config_path");
+    ThrowModelError(
+        folder_,
+        "image '" + image.name + "' " + problem + " of its frame " +
+            std::to_string(frame.id.value()) +
+            "; if another program wrote the images, its rigs and frames are of "
+            "an earlier model: remove the files rigs and frames, or set "
+            "rig_name_rule or rig_config_path");
   }
 
   const fs::path& folder_;
+  const std::vector<ModelImage>& images_;
   const double max_distance_;
   std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> sensor_from_rig_;
-  std::map<ImageId, const ModelImage*> image_of_id_;
+  const std::map<ImageId, int> image_of_id_;
   std::set<ImageId> in_frames_;
 };
 
@@ -112,27 +117,18 @@ void CheckModelTables(const PoseModel& poses, const fs::path& folder) {
 }
 
 void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {
-  std::map<ImageId, CameraId> camera_of_image;
-  for (const ModelImage& image : poses.images) {
-    camera_of_image.emplace(image.id, image.camera_id);
-  }
+  const auto image_of_id = IndexById(poses.images);
   for (const ModelFrame& frame : poses.frames) {
     FrameRow row{frame.id, frame.rig_id, {}};
     for (const ImageId id : frame.image_ids) {
-      const auto image = camera_of_image.find(id);
-      if (image == camera_of_image.end()) continue;
-      row.data.push_back({image->second, id});
+      const auto image = image_of_id.find(id);
+      if (image == image_of_id.end()) continue;
+      row.data.push_back({poses.images[image->second].camera_id, id});
     }
     if (!row.data.empty()) contents->frames.push_back(std::move(row));
   }
-  for (const ModelRig& rig : poses.rigs) {
-    RigRow row{rig.id, {}, {}};
-    for (const ModelSensor& sensor : rig.sensors) {
-      if (sensor.is_reference) row.ref_camera_id = sensor.camera_id;
-      row.sensors.push_back({sensor.camera_id, sensor.sensor_from_rig});
-    }
-    contents->rigs.push_back(std::move(row));
-  }
+  contents->rigs.insert(contents->rigs.end(), poses.rigs.begin(),
+                        poses.rigs.end());
 }
 
 namespace {
@@ -162,13 +158,10 @@ Rigid3 Reinterpret(Rigid3 pose, const PoseConvention& convention) {
 // The observations of a model, or an even selection of them.
 class ObservationCheck {
  public:
-  explicit ObservationCheck(const Model& model) : model_(model) {
-    for (size_t i = 0; i < model.poses.images.size(); ++i) {
-      image_idx_of_id_.emplace(model.poses.images[i].id, i);
-    }
-    for (const Camera& camera : model.cameras) {
-      camera_of_id_.emplace(camera.id, &camera);
-    }
+  explicit ObservationCheck(const Model& model)
+      : model_(model),
+        image_idx_of_id_(IndexById(model.poses.images)),
+        camera_of_id_(IndexById(model.cameras)) {
     for (const ModelPoint& point : model.points) size_ += point.track.size();
     step_ = std::max<size_t>(1, size_ / kMaxNumChecked);
   }
@@ -191,9 +184,9 @@ class ObservationCheck {
             const PoseConvention& convention) const {
     // Far beyond the errors of models before bundle adjustment.
     constexpr double kMaxErrorInSides = 0.05;
-    const size_t image_idx = image_idx_of_id_.at(o.image_id);
+    const int image_idx = image_idx_of_id_.at(o.image_id);
     const ModelImage& image = model_.poses.images[image_idx];
-    const Camera& camera = *camera_of_id_.at(image.camera_id);
+    const Camera& camera = model_.cameras[camera_of_id_.at(image.camera_id)];
     const auto pixel = ProjectToPixel(
         camera.model, camera.params.data(),
         Reinterpret(image.cam_from_world, convention) * point.point_in_world);
@@ -204,8 +197,8 @@ class ObservationCheck {
   }
 
   const Model& model_;
-  std::map<ImageId, size_t> image_idx_of_id_;
-  std::map<CameraId, const Camera*> camera_of_id_;
+  const std::map<ImageId, int> image_idx_of_id_;
+  const std::map<CameraId, int> camera_of_id_;
   size_t size_ = 0;
   size_t step_ = 1;
 };
@@ -237,6 +230,152 @@ void CheckObservations(const Model& model, const std::filesystem::path& folder,
   context.Warning(problem +
                   "; the files images, cameras and points3D are "
                   "probably not of one model");
+}
+
+namespace {
+
+// A rigidly mounted camera rotates by noise only, far below this; cameras that
+// move independently of each other exceed it in most frames.
+constexpr double kMaxRigRotationDeg = 5.0;
+// Calibrations of one rig differ less: a camera that turned by half of this is
+// reported as moved. The shift is relative to the size of the rig.
+constexpr double kMaxKnownRotationDeg = 1.0;
+constexpr double kMaxKnownShift = 0.05;
+
+}  // namespace
+
+void ThrowModelError(const std::filesystem::path& folder,
+                     const std::string& problem) {
+  throw Error("model '" + folder.string() + "': " + problem);
+}
+
+void RigPoses::EstimateSensors(
+    std::vector<std::optional<Rigid3>>* poses) const {
+  FillMissing(poses);
+  CheckAllAreKnown(*poses);
+}
+
+void RigPoses::CheckKnownSensors() const {
+  std::vector<std::optional<Rigid3>> poses(scene_.sensors.size());
+  for (const Rig& rig : scene_.rigs) poses[rig.ref_sensor_idx] = Rigid3();
+  FillMissing(&poses);
+  CheckKnownSensors(poses);
+}
+
+void RigPoses::CheckKnownSensors(
+    const std::vector<std::optional<Rigid3>>& poses) const {
+  std::vector<double> size(scene_.rigs.size(), 0.0);
+  for (const Sensor& sensor : scene_.sensors) {
+    if (!sensor.sensor_from_rig) continue;
+    size[sensor.rig_idx] = std::max(size[sensor.rig_idx],
+                                    sensor.sensor_from_rig->translation.norm());
+  }
+  for (size_t i = 0; i < scene_.sensors.size(); ++i) {
+    const Sensor& sensor = scene_.sensors[i];
+    if (!sensor.sensor_from_rig || !poses[i]) continue;
+    const double turn_deg = RadToDeg(
+        AngleBetween(poses[i]->rotation, sensor.sensor_from_rig->rotation));
+    const double shift =
+        (poses[i]->translation - sensor.sensor_from_rig->translation).norm();
+    if (turn_deg <= kMaxKnownRotationDeg &&
+        shift <= kMaxKnownShift * size[sensor.rig_idx]) {
+      continue;
+    }
+    const std::string numbers = Formatted(
+        "%.2f deg and a shift of %.4g (known: %.4g, in the model: %.4g)",
+        turn_deg, shift, sensor.sensor_from_rig->translation.norm(),
+        poses[i]->translation.norm());
+    ThrowModelError(folder_,
+                    "the known pose of camera '" + sensor.name +
+                        "' in its rig differs from that of the model by " +
+                        numbers +
+                        "; make the model again with the known rig, or omit "
+                        "the pose");
+  }
+}
+
+void RigPoses::FillMissing(std::vector<std::optional<Rigid3>>* poses) const {
+  for (size_t num_left = scene_.sensors.size(); num_left > 0; --num_left) {
+    for (size_t i = 0; i < scene_.sensors.size(); ++i) {
+      if ((*poses)[i]) continue;
+      const int sensor_idx = static_cast<int>(i);
+      const std::vector<Rigid3> candidates = Candidates(sensor_idx, *poses);
+      if (candidates.empty()) continue;
+      (*poses)[i] = TypicalPose(candidates);
+      CheckMovesLikeRig(sensor_idx, candidates, *(*poses)[i]);
+    }
+  }
+}
+
+void RigPoses::CheckAllAreKnown(
+    const std::vector<std::optional<Rigid3>>& poses) const {
+  for (size_t i = 0; i < scene_.images.size(); ++i) {
+    const int sensor_idx = scene_.images[i].sensor_idx;
+    if (!cam_from_world_[i] || poses[sensor_idx]) continue;
+    ThrowModelError(folder_,
+                    "the pose of sensor '" + scene_.sensors[sensor_idx].name +
+                        "' in its rig is unknown, as no frame has images of it "
+                        "and of another sensor; give it with rig_config_path, "
+                        "or treat images as single with rig_name_rule none");
+  }
+}
+
+std::vector<Rigid3> RigPoses::Candidates(
+    int sensor_idx, const std::vector<std::optional<Rigid3>>& poses) const {
+  std::vector<Rigid3> candidates;
+  for (const Frame& frame : scene_.frames) {
+    std::optional<Rigid3> pose;
+    std::optional<Rigid3> rig_from_world;
+    for (const int image_idx : frame.image_idxs) {
+      const int other_idx = scene_.images[image_idx].sensor_idx;
+      const std::optional<Rigid3>& cam_from_world = cam_from_world_[image_idx];
+      if (!cam_from_world) continue;
+      if (other_idx == sensor_idx) {
+        pose = cam_from_world;
+      } else if (poses[other_idx] && !rig_from_world) {
+        rig_from_world = poses[other_idx]->Inverse() * *cam_from_world;
+      }
+    }
+    if (!pose || !rig_from_world) continue;
+    candidates.push_back(*pose * rig_from_world->Inverse());
+  }
+  return candidates;
+}
+
+void RigPoses::CheckMovesLikeRig(int sensor_idx,
+                                 const std::vector<Rigid3>& candidates,
+                                 const Rigid3& pose) const {
+  std::vector<double> angles_deg;
+  for (const Rigid3& candidate : candidates) {
+    angles_deg.push_back(
+        RadToDeg(AngleBetween(candidate.rotation, pose.rotation)));
+  }
+  if (Median(angles_deg) < kMaxRigRotationDeg) return;
+  ThrowModelError(
+      folder_, "images of '" + scene_.sensors[sensor_idx].name +
+                   "' rotate relative to the other images of their frames, so "
+                   "the cameras are not rigid or the frames are wrong; define "
+                   "the frames with rig_name_rule, or treat images as "
+                   "single with rig_name_rule none");
+}
+
+std::vector<std::optional<Rigid3>> RigPoses::PlaceFrames(
+    const std::vector<std::optional<Rigid3>>& sensor_from_rig) const {
+  std::vector<std::optional<Rigid3>> rig_from_world;
+  for (const Frame& frame : scene_.frames) {
+    std::optional<int> best;
+    for (const int image_idx : frame.image_idxs) {
+      if (!cam_from_world_[image_idx]) continue;
+      if (!best || scene_.IsReference(scene_.images[image_idx].sensor_idx)) {
+        best = image_idx;
+      }
+    }
+    rig_from_world.emplace_back();
+    if (!best) continue;
+    const Rigid3& sensor = *sensor_from_rig[scene_.images[*best].sensor_idx];
+    rig_from_world.back() = sensor.Inverse() * *cam_from_world_[*best];
+  }
+  return rig_from_world;
 }
 
 }  // namespace mgsfm

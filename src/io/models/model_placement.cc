@@ -8,10 +8,11 @@
 #include <utility>
 #include <vector>
 
+#include "base/text_tools.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "models/model_checks.h"
-#include "models/model_rig_poses.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -27,8 +28,8 @@ constexpr double kRigidTolerance = 1e-6;
 std::string DescribeCamera(const Camera& camera) {
   const CameraModelInfo* info =
       FindCameraModel(static_cast<int32_t>(camera.model));
-  return std::string(info->name) + " of " + std::to_string(camera.width_px) +
-         " x " + std::to_string(camera.height_px) + " px";
+  return std::string(info->name) + " of " +
+         SizeText(camera.width_px, camera.height_px) + " px";
 }
 
 class ModelPlacer {
@@ -38,7 +39,8 @@ class ModelPlacer {
       : model_(model),
         folder_(folder),
         database_("the database '" + database_path + "'"),
-        scene_(*scene) {}
+        scene_(*scene),
+        image_of_id_(IndexById(model.poses.images)) {}
 
   PlacedModel Run(bool with_points) {
     MatchImages();
@@ -76,7 +78,7 @@ class ModelPlacer {
   const std::string database_;
   Scene& scene_;
   std::vector<int> image_idx_of_;  // per image of the model
-  std::map<ImageId, size_t> image_of_id_;
+  const std::map<ImageId, int> image_of_id_;
   std::vector<std::optional<Rigid3>> cam_from_world_;  // per image of the scene
   PlacedModel placed_;
 };
@@ -85,10 +87,7 @@ void ModelPlacer::MatchImages() {
   const std::vector<ModelImage>& images = model_.poses.images;
   if (images.empty()) ThrowModelError(folder_, "it has no image");
   CheckModelTables(model_.poses, folder_);
-  std::map<std::string, int> image_idx_of_name;
-  for (size_t i = 0; i < scene_.images.size(); ++i) {
-    image_idx_of_name.emplace(scene_.images[i].name, static_cast<int>(i));
-  }
+  const auto image_idx_of_name = IndexByName(scene_.images);
   cam_from_world_.resize(scene_.images.size());
   const std::string* missing = nullptr;
   for (size_t i = 0; i < images.size(); ++i) {
@@ -98,7 +97,6 @@ void ModelPlacer::MatchImages() {
       continue;
     }
     image_idx_of_.push_back(found->second);
-    image_of_id_.emplace(images[i].id, i);
     cam_from_world_[found->second] = images[i].cam_from_world;
   }
   if (image_idx_of_.empty()) {
@@ -115,14 +113,12 @@ void ModelPlacer::MatchImages() {
 }
 
 void ModelPlacer::TakeCameras() {
-  std::map<CameraId, const Camera*> camera_of_id;
-  for (const Camera& camera : model_.cameras) {
-    camera_of_id.emplace(camera.id, &camera);
-  }
+  const auto camera_of_id = IndexById(model_.cameras);
   Mask is_taken(scene_.cameras.size(), false);
   for (size_t i = 0; i < image_idx_of_.size(); ++i) {
     const Image& image = scene_.images[image_idx_of_[i]];
-    const Camera& camera = *camera_of_id.at(model_.poses.images[i].camera_id);
+    const Camera& camera =
+        model_.cameras[camera_of_id.at(model_.poses.images[i].camera_id)];
     Camera& in_scene = scene_.cameras[image.camera_idx];
     if (camera.model != in_scene.model ||
         camera.width_px != in_scene.width_px ||
@@ -192,8 +188,8 @@ void ModelPlacer::ChooseReferences() {
 // Uses the rigs of the model where they have the sensor and the reference.
 void ModelPlacer::PlaceSensors() {
   std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> pose_in_model;
-  for (const ModelRig& rig : model_.poses.rigs) {
-    for (const ModelSensor& sensor : rig.sensors) {
+  for (const RigRow& rig : model_.poses.rigs) {
+    for (const RigSensorRow& sensor : rig.sensors) {
       pose_in_model[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
     }
   }

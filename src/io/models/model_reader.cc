@@ -3,7 +3,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <map>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -11,7 +11,8 @@
 #include "base/text.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/models/model_io.h"
-#include "models/model_file_readers.h"
+#include "models/model_file.h"
+#include "scene/item_lists.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -22,20 +23,18 @@ namespace fs = std::filesystem;
 constexpr char kStaleTables[] =
     "; if another program wrote the images, remove the files rigs and frames";
 
-template <class File>
-void ThrowIf(const std::optional<std::string>& problem, const File& file,
-             const std::string& element) {
+void ThrowIf(const std::optional<std::string>& problem,
+             const ModelFileReader& file, const std::string& element) {
   if (problem) file.ThrowBad(element + ' ' + *problem);
 }
 
-template <class File>
-std::vector<Camera> ReadCameras(File file) {
+std::vector<Camera> ReadCameras(ModelFileReader file) {
   constexpr uint64_t kMaxSize = std::numeric_limits<int>::max();
   std::vector<Camera> cameras;
   while (file.NextRecord()) {
     const CameraId id(file.ReadId());
     const CameraModelInfo& info = file.ReadCameraModel();
-    const uint64_t width = file.ReadSize(), height = file.ReadSize();
+    const uint64_t width = file.ReadLongId(), height = file.ReadLongId();
     if (width > kMaxSize || height > kMaxSize) {
       file.ThrowBad("the size of an image is out of range");
     }
@@ -58,8 +57,7 @@ struct ImageRecord {
   std::vector<ModelKeypoint> keypoints;
 };
 
-template <class File>
-std::vector<ImageRecord> ReadImages(File file, bool with_keypoints) {
+std::vector<ImageRecord> ReadImages(ModelFileReader file, bool with_keypoints) {
   std::vector<ImageRecord> records;
   while (file.NextRecord()) {
     const ImageId id(file.ReadId());
@@ -90,8 +88,7 @@ std::vector<ImageRecord> ReadImages(File file, bool with_keypoints) {
   return records;
 }
 
-template <class File>
-std::vector<ModelPoint> ReadPoints(File file) {
+std::vector<ModelPoint> ReadPoints(ModelFileReader file) {
   std::vector<ModelPoint> points;
   while (file.NextRecord()) {
     ModelPoint point;
@@ -112,24 +109,23 @@ std::vector<ModelPoint> ReadPoints(File file) {
   return points;
 }
 
-template <class File>
-std::vector<ModelRig> ReadRigs(File file) {
-  std::vector<ModelRig> rigs;
+std::vector<RigRow> ReadRigs(ModelFileReader file) {
+  std::vector<RigRow> rigs;
   while (file.NextRecord()) {
-    ModelRig rig{RigId(file.ReadId()), {}};
-    const uint32_t num_sensors = file.ReadCount();
+    RigRow rig{RigId(file.ReadId()), {}, {}};
+    const uint32_t num_sensors = file.ReadId();
     for (uint32_t k = 0; k < num_sensors; ++k) {
       const bool is_camera = file.ReadSensorIsCamera();
-      ModelSensor sensor{CameraId(file.ReadId()), k == 0, Rigid3()};
-      if (k > 0) {
-        sensor.sensor_from_rig.reset();
-        if (file.ReadFlag()) {
-          sensor.sensor_from_rig = file.ReadPose();
-          ThrowIf(WhyImplausible(*sensor.sensor_from_rig), file,
-                  "a sensor of rig " + std::to_string(rig.id.value()));
-        }
+      RigSensorRow sensor{CameraId(file.ReadId()), std::nullopt};
+      if (k == 0) {
+        sensor.sensor_from_rig = Rigid3();
+        if (is_camera) rig.ref_camera_id = sensor.camera_id;
+      } else if (file.ReadFlag()) {
+        sensor.sensor_from_rig = file.ReadPose();
+        ThrowIf(WhyImplausible(*sensor.sensor_from_rig), file,
+                "a sensor of rig " + std::to_string(rig.id.value()));
       }
-      if (is_camera) rig.sensors.push_back(sensor);
+      if (is_camera) rig.sensors.push_back(std::move(sensor));
     }
     file.EndRecord();
     rigs.push_back(std::move(rig));
@@ -137,13 +133,9 @@ std::vector<ModelRig> ReadRigs(File file) {
   return rigs;
 }
 
-template <class File>
-std::vector<ModelFrame> ReadFrames(File file,
+std::vector<ModelFrame> ReadFrames(ModelFileReader file,
                                    const std::vector<ModelImage>& images) {
-  std::map<ImageId, CameraId> camera_of_image;
-  for (const ModelImage& image : images) {
-    camera_of_image.emplace(image.id, image.camera_id);
-  }
+  const auto image_of_id = IndexById(images);
   std::vector<ModelFrame> frames;
   while (file.NextRecord()) {
     const FrameId id(file.ReadId());
@@ -151,7 +143,7 @@ std::vector<ModelFrame> ReadFrames(File file,
     ModelFrame frame{id, rig_id, file.ReadPose(), {}};
     ThrowIf(WhyImplausible(frame.rig_from_world), file,
             "the pose of frame " + std::to_string(id.value()));
-    const uint32_t num_data = file.ReadCount();
+    const uint32_t num_data = file.ReadId();
     for (uint32_t k = 0; k < num_data; ++k) {
       const bool is_camera = file.ReadSensorIsCamera();
       const CameraId camera_id(file.ReadId());
@@ -161,15 +153,15 @@ std::vector<ModelFrame> ReadFrames(File file,
         file.ThrowBad("the id of an image is out of range");
       }
       frame.image_ids.emplace_back(static_cast<uint32_t>(data_id));
-      const auto camera = camera_of_image.find(frame.image_ids.back());
-      if (camera != camera_of_image.end() && camera->second != camera_id) {
-        file.ThrowBad("frame " + std::to_string(id.value()) + " has image " +
-                      std::to_string(data_id) + " of camera " +
-                      std::to_string(camera_id.value()) +
-                      ", which is of camera " +
-                      std::to_string(camera->second.value()) +
-                      " in the file of images" + kStaleTables);
-      }
+      const auto image = image_of_id.find(frame.image_ids.back());
+      if (image == image_of_id.end()) continue;
+      const CameraId known_id = images[image->second].camera_id;
+      if (known_id == camera_id) continue;
+      file.ThrowBad("frame " + std::to_string(id.value()) + " has image " +
+                    std::to_string(data_id) + " of camera " +
+                    std::to_string(camera_id.value()) +
+                    ", which is of camera " + std::to_string(known_id.value()) +
+                    " in the file of images" + kStaleTables);
     }
     file.EndRecord();
     frames.push_back(std::move(frame));
@@ -211,23 +203,25 @@ void CheckNamesDiffer(const fs::path& folder,
               "'; write the model again with the program that made it");
 }
 
-template <class File>
-Model ReadFiles(const fs::path& folder, bool poses_only) {
-  const auto exists = [&](const std::string& stem) {
-    return fs::exists(folder / (stem + File::kExtension));
+Model ReadFiles(const fs::path& folder, ModelFormat format, bool poses_only) {
+  const auto exists = [&](const char* stem) {
+    return fs::exists(ModelFilePath(folder, stem, format));
+  };
+  const auto open = [&](const char* stem) {
+    return ModelFileReader(ModelFilePath(folder, stem, format), format);
   };
   Model model;
-  for (ImageRecord& record : ReadImages(File(folder, "images"), !poses_only)) {
+  for (ImageRecord& record : ReadImages(open("images"), !poses_only)) {
     model.poses.images.push_back(std::move(record.image));
     model.keypoints.push_back(std::move(record.keypoints));
   }
-  if (exists("rigs")) model.poses.rigs = ReadRigs(File(folder, "rigs"));
+  if (exists("rigs")) model.poses.rigs = ReadRigs(open("rigs"));
   if (exists("frames")) {
-    model.poses.frames = ReadFrames(File(folder, "frames"), model.poses.images);
+    model.poses.frames = ReadFrames(open("frames"), model.poses.images);
   }
   if (!poses_only) {
-    model.cameras = ReadCameras(File(folder, "cameras"));
-    model.points = ReadPoints(File(folder, "points3D"));
+    model.cameras = ReadCameras(open("cameras"));
+    model.points = ReadPoints(open("points3D"));
   }
   CheckNamesDiffer(folder, model.poses.images);
   CheckIdsDiffer(folder, "image", model.poses.images);
@@ -239,16 +233,19 @@ Model ReadFiles(const fs::path& folder, bool poses_only) {
 }
 
 // A table in the other format would be ignored, and with it the rigs.
-template <class File, class Other>
-void CheckOneFormat(const fs::path& folder) {
+void CheckOneFormat(const fs::path& folder, ModelFormat format) {
+  const ModelFormat other =
+      format == ModelFormat::kText ? ModelFormat::kBinary : ModelFormat::kText;
   for (const char* stem : {"rigs", "frames"}) {
-    const std::string name = std::string(stem) + Other::kExtension;
-    if (fs::exists(folder / (std::string(stem) + File::kExtension)) ||
-        !fs::exists(folder / name)) {
+    const fs::path ignored = ModelFilePath(folder, stem, other);
+    if (fs::exists(ModelFilePath(folder, stem, format)) ||
+        !fs::exists(ignored)) {
       continue;
     }
-    throw Error("the model in '" + folder.string() + "' has images" +
-                File::kExtension + " but " + name +
+    const std::string name = ignored.filename().string();
+    throw Error("the model in '" + folder.string() + "' has " +
+                ModelFilePath(folder, "images", format).filename().string() +
+                " but " + name +
                 "; write it in one format with the program that made it, or "
                 "remove " +
                 name + " if it is of another model");
@@ -256,30 +253,19 @@ void CheckOneFormat(const fs::path& folder) {
 }
 
 Model ReadEitherFormat(const fs::path& folder, bool poses_only) {
-  if (fs::exists(folder / "images.bin")) {
-    CheckOneFormat<BinaryModelFile, TextModelFile>(folder);
-    return ReadFiles<BinaryModelFile>(folder, poses_only);
-  }
-  if (fs::exists(folder / "images.txt")) {
-    CheckOneFormat<TextModelFile, BinaryModelFile>(folder);
-    return ReadFiles<TextModelFile>(folder, poses_only);
+  for (const ModelFormat format : {ModelFormat::kBinary, ModelFormat::kText}) {
+    if (!fs::exists(ModelFilePath(folder, "images", format))) continue;
+    CheckOneFormat(folder, format);
+    return ReadFiles(folder, format, poses_only);
   }
   throw Error("'" + folder.string() +
               "' holds no model (neither images.bin nor images.txt)");
 }
 
-template <class Item>
-void SortById(std::vector<Item>* items) {
-  std::sort(items->begin(), items->end(),
-            [](const Item& a, const Item& b) { return a.id < b.id; });
-}
-
 void CheckCameras(const fs::path& folder, const Model& model) {
+  const auto camera_of_id = IndexById(model.cameras);
   for (const ModelImage& image : model.poses.images) {
-    const auto it = std::lower_bound(
-        model.cameras.begin(), model.cameras.end(), image.camera_id,
-        [](const Camera& camera, CameraId id) { return camera.id < id; });
-    if (it == model.cameras.end() || it->id != image.camera_id) {
+    if (camera_of_id.count(image.camera_id) == 0) {
       throw Error("the model in '" + folder.string() + "' lacks camera " +
                   std::to_string(image.camera_id.value()) + " of image '" +
                   image.name + "'");
@@ -301,11 +287,10 @@ std::string Name(const ModelObservation& o) {
 // Checks that each observation is of a keypoint that refers to its point, that
 // each keypoint is observed once, and that there are no other references.
 void CheckTracks(const fs::path& folder, const Model& model) {
-  std::map<ImageId, size_t> position_of_image;
+  const auto position_of_image = IndexById(model.poses.images);
   std::vector<std::vector<bool>> is_observed;
   size_t num_references = 0;
   for (size_t i = 0; i < model.poses.images.size(); ++i) {
-    position_of_image[model.poses.images[i].id] = i;
     is_observed.emplace_back(model.keypoints[i].size(), false);
     for (const ModelKeypoint& keypoint : model.keypoints[i]) {
       num_references += keypoint.point_id.has_value() ? 1 : 0;

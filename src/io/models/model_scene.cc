@@ -12,8 +12,8 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "models/model_checks.h"
-#include "models/model_rig_poses.h"
 #include "models/rows_to_scene.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -103,10 +103,7 @@ void WarnIfFramesDiffer(const PoseModel& poses, const Scene& scene,
 // ------------------------------------------------------------------- points
 
 std::vector<Point3D> MakePoints(const Model& model) {
-  std::map<ImageId, int> image_idx_of_id;
-  for (size_t i = 0; i < model.poses.images.size(); ++i) {
-    image_idx_of_id[model.poses.images[i].id] = static_cast<int>(i);
-  }
+  const auto image_idx_of_id = IndexById(model.poses.images);
   std::vector<Point3D> points;
   points.reserve(model.points.size());
   for (const ModelPoint& from : model.points) {

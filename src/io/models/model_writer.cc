@@ -12,7 +12,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/models/model_io.h"
-#include "models/model_file_readers.h"
+#include "models/model_file.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -27,7 +27,7 @@ class ModelFile {
   ModelFile(const std::filesystem::path& folder, const std::string& name,
             ModelFormat format)
       : is_text_(format == ModelFormat::kText),
-        path_(folder / (name + (is_text_ ? ".txt" : ".bin"))) {
+        path_(ModelFilePath(folder, name, format)) {
     errno = 0;  // for Close()
     stream_.open(path_, std::ios::binary | std::ios::trunc);
     stream_.imbue(std::locale::classic());
@@ -138,7 +138,7 @@ class ModelWriter {
 
 // Sorts positions in an array by the ids of what they refer to.
 template <class Item>
-void SortById(const std::vector<Item>& items, std::vector<int>* idxs) {
+void SortIdxsById(const std::vector<Item>& items, std::vector<int>* idxs) {
   std::sort(idxs->begin(), idxs->end(),
             [&](int a, int b) { return items[a].id < items[b].id; });
 }
@@ -159,9 +159,9 @@ void ModelWriter::SelectImages() {
   for (size_t i = 0; i < scene_.rigs.size(); ++i) {
     if (has_frame[i]) rig_idxs_.push_back(static_cast<int>(i));
   }
-  SortById(scene_.images, &image_idxs_);
-  SortById(scene_.frames, &frame_idxs_);
-  SortById(scene_.rigs, &rig_idxs_);
+  SortIdxsById(scene_.images, &image_idxs_);
+  SortIdxsById(scene_.frames, &frame_idxs_);
+  SortIdxsById(scene_.rigs, &rig_idxs_);
 }
 
 void ModelWriter::AssignCameras() {

@@ -8,8 +8,10 @@
 
 #include "base/file_reading.h"
 #include "base/parallel.h"
+#include "base/text_tools.h"
 #include "files/image_reading.h"
 #include "mgsfm/base/error.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -35,10 +37,8 @@ std::string WhyUnusable(const cv::Mat& image, const Camera& camera) {
   if (image.cols == camera.width_px && image.rows == camera.height_px) {
     return "";
   }
-  return "has " + std::to_string(image.cols) + " x " +
-         std::to_string(image.rows) + " px, its camera " +
-         std::to_string(camera.width_px) + " x " +
-         std::to_string(camera.height_px);
+  return "has " + SizeText(image.cols, image.rows) + " px, its camera " +
+         SizeText(camera.width_px, camera.height_px);
 }
 
 // An observation of one image and where its color goes.
@@ -127,10 +127,7 @@ std::vector<UncoloredImage> ColorPoints(const Scene& scene,
     if (problems[i].empty()) continue;
     unused.push_back({scene.images[i].name, problems[i]});
   }
-  std::sort(unused.begin(), unused.end(),
-            [](const UncoloredImage& a, const UncoloredImage& b) {
-              return a.name < b.name;
-            });
+  SortByName(&unused);
   return unused;
 }
 

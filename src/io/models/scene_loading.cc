@@ -9,20 +9,21 @@
 #include <optional>
 #include <tuple>
 #include <utility>
+#include <vector>
 
 #include "base/nanoseconds.h"
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "calibration/calibration_rigs.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/models/model_scene.h"
 #include "mgsfm/rigs/rig_config.h"
 #include "models/rows_to_scene.h"
-#include "rigs/frames_by_time.h"
 #include "rigs/image_times.h"
 #include "rigs/rig_inference.h"
-#include "rigs/scene_builder.h"
 #include "scene/intrinsics_check.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -45,13 +46,8 @@ std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
 RigInput MakeRigInput(const std::string& kind, DatabaseContents contents) {
   RigInput input;
   input.kind = kind;
-  std::sort(
-      contents.images.begin(), contents.images.end(),
-      [](const ImageRow& a, const ImageRow& b) { return a.name < b.name; });
-  std::map<CameraId, int> camera_of_id;
-  for (size_t i = 0; i < contents.cameras.size(); ++i) {
-    camera_of_id[contents.cameras[i].id] = static_cast<int>(i);
-  }
+  SortByName(&contents.images);
+  const auto camera_of_id = IndexById(contents.cameras);
   for (const ImageRow& image : contents.images) {
     const auto camera = camera_of_id.find(image.camera_id);
     MGSFM_CHECK_MSG(camera != camera_of_id.end(), image.name);
@@ -195,8 +191,8 @@ void CheckKeypoints(const Scene& scene, const std::string& input_name,
   context.Warning(input_name + ": " + std::to_string(num_images) +
                   " images have keypoints outside of the size of their "
                   "camera, such as '" +
-                  example->name + "' of " + std::to_string(camera.width_px) +
-                  " x " + std::to_string(camera.height_px) +
+                  example->name + "' of " +
+                  SizeText(camera.width_px, camera.height_px) +
                   " px; correct the size of the camera");
 }
 
@@ -259,19 +255,14 @@ ImagePair MakePair(TwoViewGeometryRow* row, int image_idx1, int image_idx2) {
 
 void SwapImages(MatchesRow* pair) {
   std::swap(pair->image_id1, pair->image_id2);
-  for (Match& match : pair->matches) {
-    std::swap(match.keypoint_idx1, match.keypoint_idx2);
-  }
+  SwapImages(&pair->matches);
 }
 
 // The rows with matches in canonical order.
 template <class Row>
 std::vector<std::tuple<int, int, Row*>> OrderPairs(const Scene& scene,
                                                    std::vector<Row>* rows) {
-  std::map<ImageId, int> image_idx_of_id;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    image_idx_of_id[scene.images[i].id] = static_cast<int>(i);
-  }
+  const auto image_idx_of_id = IndexById(scene.images);
   const auto idx_of = [&](ImageId id) {
     const auto found = image_idx_of_id.find(id);
     MGSFM_CHECK_MSG(found != image_idx_of_id.end(), std::to_string(id.value()));
@@ -361,6 +352,76 @@ LoadedScene LoadScene(const std::string& database_path,
                       const SceneLoadingOptions& options,
                       const Context& context) {
   return LoadScene(ReadDatabase(database_path, context), options, context);
+}
+
+namespace {
+
+// Cameras that are new, or have other intrinsics than before, are written. Ids
+// become those of the database.
+void WriteCameras(const std::vector<Camera>& before, FeatureDatabase* database,
+                  DatabaseContents* after) {
+  const auto camera_before = IndexById(before);
+  std::map<CameraId, CameraId> new_id;
+  for (const Camera& camera : after->cameras) {
+    const auto known = camera_before.find(camera.id);
+    if (known == camera_before.end()) {
+      new_id.emplace(camera.id, database->AddCamera(camera));
+      continue;
+    }
+    new_id.emplace(camera.id, camera.id);
+    if (!HaveEqualIntrinsics(before[known->second], camera)) {
+      database->UpdateCamera(camera);
+    }
+  }
+  for (RigRow& rig : after->rigs) {
+    if (rig.ref_camera_id) rig.ref_camera_id = new_id.at(*rig.ref_camera_id);
+    for (RigSensorRow& sensor : rig.sensors) {
+      sensor.camera_id = new_id.at(sensor.camera_id);
+    }
+  }
+  for (FrameRow& frame : after->frames) {
+    for (FrameDataRow& data : frame.data) {
+      data.camera_id = new_id.at(data.camera_id);
+    }
+  }
+}
+
+void SetCamerasOfImages(const std::vector<ImageRow>& before,
+                        const std::vector<FrameRow>& frames,
+                        FeatureDatabase* database) {
+  const auto image_before = IndexById(before);
+  for (const FrameRow& frame : frames) {
+    for (const FrameDataRow& data : frame.data) {
+      if (before[image_before.at(data.image_id)].camera_id != data.camera_id) {
+        database->SetImageCamera(data.image_id, data.camera_id);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+RigConfigurationSummary ConfigureRigs(const SceneLoadingOptions& options,
+                                      FeatureDatabase* database,
+                                      const Context& context) {
+  DatabaseContents before = database->ReadStructure(context);
+  before.rigs.clear();
+  before.frames.clear();
+  if (before.images.empty()) {
+    throw Error("database '" + database->path() +
+                "' has no images; run feature_extractor first");
+  }
+  const SceneOfRows found =
+      BuildSceneOfRows("database", before, options, context);
+  DatabaseContents after = MakeDatabaseContents(found.scene, ViewGraph());
+  DatabaseTransaction transaction(database);
+  WriteCameras(before.cameras, database, &after);
+  SetCamerasOfImages(before.images, after.frames, database);
+  database->WriteRigsAndFrames(after.rigs, after.frames);
+  transaction.Commit();
+  return {found.scene.rigs.size(), found.scene.sensors.size(),
+          found.scene.frames.size(), found.scene.images.size(),
+          found.rig_source};
 }
 
 }  // namespace mgsfm

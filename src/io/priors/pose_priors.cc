@@ -20,7 +20,8 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "priors/position_files.h"
-#include "rigs/scene_builder.h"
+#include "rigs/rig_inference.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -37,10 +38,7 @@ class PriorMaker {
   void TakeRows(const std::vector<PosePriorRow>& rows,
                 const std::string& source) {
     source_ = source;
-    std::map<ImageId, int> idx_of_id;
-    for (size_t i = 0; i < scene_.images.size(); ++i) {
-      idx_of_id[scene_.images[i].id] = static_cast<int>(i);
-    }
+    const auto idx_of_id = IndexById(scene_.images);
     for (const PosePriorRow& row : rows) {
       // Rows left behind by an image that was deleted are harmless.
       const auto found = idx_of_id.find(row.image_id);
@@ -201,25 +199,17 @@ GravityPriors ReadGravityColumn(const Scene& scene,
                                 const std::string& database_path) {
   GravityPriors gravity;
   gravity.images.resize(scene.images.size());
-  std::map<ImageId, size_t> idx_of_id;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    idx_of_id[scene.images[i].id] = i;
-  }
+  const auto idx_of_id = IndexById(scene.images);
   const SqliteSnapshot snapshot(database_path);
-  const std::string query = PriorGravityQuery(snapshot.database());
-  if (query.empty()) return gravity;
-  SqliteStatement row = snapshot.database().Prepare(query);
-  while (row.Step()) {
-    const auto found =
-        idx_of_id.find(ImageId(static_cast<uint32_t>(row.Int(0))));
-    const auto value = DecodeVector3(row.Blob(1));
-    if (found == idx_of_id.end() || !value || !value->allFinite()) continue;
-    if (value->isZero(0.0)) {
+  for (const PosePriorRow& row : ReadPosePriorRows(snapshot.database())) {
+    const auto found = idx_of_id.find(row.image_id);
+    if (found == idx_of_id.end() || !row.gravity) continue;
+    if (row.gravity->isZero(0.0)) {
       throw Error("database '" + database_path + "': the gravity of image '" +
                   scene.images[found->second].name +
                   "' is zero; correct it, or delete its row");
     }
-    gravity.images[found->second] = value->stableNormalized();
+    gravity.images[found->second] = row.gravity->stableNormalized();
   }
   snapshot.CheckUnchanged();
   return gravity;
@@ -283,11 +273,7 @@ PositionPriors ReadPositionPriors(const Scene& scene,
   std::vector<PosePriorRow> rows;
   if (options.AreUsed() && options.ref_images_path->empty()) {
     const SqliteSnapshot snapshot(database_path);
-    if (snapshot.database().HasTable("pose_priors")) {
-      SqliteStatement row =
-          snapshot.database().Prepare(PosePriorQuery(snapshot.database()));
-      while (row.Step()) rows.push_back(DecodePosePrior(row));
-    }
+    rows = ReadPosePriorRows(snapshot.database());
     snapshot.CheckUnchanged();
   }
   return MakePositionPriors(scene, rows, "database '" + database_path + "'",

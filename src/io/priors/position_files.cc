@@ -13,6 +13,7 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/models/trajectory_io.h"
 #include "rigs/image_times.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -41,10 +42,7 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
                                           const std::string& columns,
                                           const std::string& option,
                                           UnknownImages others) {
-  std::map<std::string, int> idx_of_name;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    idx_of_name[scene.images[i].name] = static_cast<int>(i);
-  }
+  const auto idx_of_name = IndexByName(scene.images);
   TextLines lines(path, "'" + path + "' (" + option + ")");
   std::vector<NamedVector> vectors;
   Mask is_named(scene.images.size(), false);

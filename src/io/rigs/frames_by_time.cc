@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rigs/frames_by_time.h"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -13,6 +11,7 @@
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "rigs/image_times.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {
@@ -64,13 +63,30 @@ size_t FindNearest(const std::vector<Instant>& sorted, int64_t time_ns) {
   return static_cast<size_t>((is_later ? before : after) - sorted.begin());
 }
 
+// The pairing of all sensors but the first of each rig, in their order.
+struct Pairing {
+  int sensor = 0;
+  int first_sensor = 0;  // of the rig
+  size_t num_images = 0;
+  std::vector<int64_t> differences_ns;  // later than the frame; per pair
+  // The smallest difference of an image without a partner.
+  int64_t nearest_ns = std::numeric_limits<int64_t>::max();
+};
+
+struct PairedFrames {
+  FramesByTime frames;
+  std::vector<Pairing> pairings;
+  // Two images of one sensor with one time.
+  std::optional<std::pair<int, int>> same_time;
+};
+
 class FramePairer {
  public:
-  FramePairer(const std::vector<TimedSensor>& sensors, const FrameTimes& times)
-      : sensors_(sensors), times_(times) {}
+  FramePairer(const TimedSensors& sensors, const FrameTimes& times)
+      : sensors_(sensors.sensors), times_(times) {}
 
-  FramesByTime Find(const std::vector<int>& sensor_of_image) {
-    result_.frame_of_image.assign(sensor_of_image.size(), -1);
+  PairedFrames Find(const std::vector<int>& sensor_of_image) {
+    result_.frames.frame_of_image.assign(sensor_of_image.size(), -1);
     images_of_sensor_.resize(sensors_.size());
     for (size_t i = 0; i < sensor_of_image.size(); ++i) {
       if (sensor_of_image[i] < 0) continue;
@@ -92,14 +108,14 @@ class FramePairer {
   std::vector<int> SortedSensors() const;
   void FindSameTime(const std::vector<Instant>& images);
   void PairRig(const std::vector<int>& sensors);
-  FramesByTime::Pairing PairSensor(const std::vector<Instant>& images,
-                                   std::vector<Instant>* frames, int rig);
+  Pairing PairSensor(const std::vector<Instant>& images,
+                     std::vector<Instant>* frames, int rig);
   Instant AddFrame(const Instant& image, int rig);
 
-  const std::vector<TimedSensor>& sensors_;
+  const std::vector<TimedSensors::Sensor>& sensors_;
   const FrameTimes& times_;
   std::vector<std::vector<Instant>> images_of_sensor_;
-  FramesByTime result_;
+  PairedFrames result_;
 };
 
 std::vector<int> FramePairer::SortedSensors() const {
@@ -127,9 +143,9 @@ void FramePairer::FindSameTime(const std::vector<Instant>& images) {
 }
 
 Instant FramePairer::AddFrame(const Instant& image, int rig) {
-  const int frame = static_cast<int>(result_.frames.size());
-  result_.frames.push_back({rig, image.time_ns, FormatTime(image.time_ns)});
-  result_.frame_of_image[image.number] = frame;
+  const int frame = static_cast<int>(result_.frames.frames.size());
+  result_.frames.frames.push_back({rig, FormatTime(image.time_ns)});
+  result_.frames.frame_of_image[image.number] = frame;
   return {image.time_ns, frame};
 }
 
@@ -137,8 +153,7 @@ void FramePairer::PairRig(const std::vector<int>& sensors) {
   const int rig = sensors_[sensors.front()].rig;
   std::vector<Instant> frames;
   for (const int sensor : sensors) {
-    FramesByTime::Pairing pairing =
-        PairSensor(images_of_sensor_[sensor], &frames, rig);
+    Pairing pairing = PairSensor(images_of_sensor_[sensor], &frames, rig);
     if (sensor == sensors.front()) continue;
     pairing.sensor = sensor;
     pairing.first_sensor = sensors.front();
@@ -146,9 +161,9 @@ void FramePairer::PairRig(const std::vector<int>& sensors) {
   }
 }
 
-FramesByTime::Pairing FramePairer::PairSensor(
-    const std::vector<Instant>& images, std::vector<Instant>* frames, int rig) {
-  FramesByTime::Pairing pairing;
+Pairing FramePairer::PairSensor(const std::vector<Instant>& images,
+                                std::vector<Instant>* frames, int rig) {
+  Pairing pairing;
   pairing.num_images = images.size();
   std::vector<Instant> added;
   for (size_t i = 0; i < images.size(); ++i) {
@@ -158,7 +173,7 @@ FramesByTime::Pairing FramePairer::PairSensor(
       later_ns = images[i].time_ns - frame.time_ns;
       if (std::abs(*later_ns) <= times_.max_difference_ns &&
           FindNearest(images, frame.time_ns) == i) {
-        result_.frame_of_image[images[i].number] = frame.number;
+        result_.frames.frame_of_image[images[i].number] = frame.number;
         pairing.differences_ns.push_back(*later_ns);
         continue;
       }
@@ -174,13 +189,13 @@ FramesByTime::Pairing FramePairer::PairSensor(
   return pairing;
 }
 
-void CheckDistinct(const RigInput& input, const FramesByTime& frames,
+void CheckDistinct(const RigInput& input, const PairedFrames& found,
                    const FrameTimes& times) {
-  if (!frames.same_time) return;
+  if (!found.same_time) return;
   const auto name = [&](int image) {
     return "'" + input.contents.images[image].name + "'";
   };
-  const auto& [image1, image2] = *frames.same_time;
+  const auto& [image1, image2] = *found.same_time;
   throw Error(input.Name() + ": images " + name(image1) + " and " +
               name(image2) + " of one camera have the same time " +
               FormatTime(times.times_ns[image1]) +
@@ -217,15 +232,15 @@ std::string Limit(const FrameTimes& times) {
   return FormatDuration(static_cast<double>(times.max_difference_ns));
 }
 
-void CheckPaired(const RigInput& input, const FramesByTime& frames,
+void CheckPaired(const RigInput& input, const std::vector<Pairing>& pairings,
                  const FrameTimes& times) {
   int64_t smallest_ns = std::numeric_limits<int64_t>::max();
-  for (const FramesByTime::Pairing& pairing : frames.pairings) {
+  for (const Pairing& pairing : pairings) {
     if (!pairing.differences_ns.empty()) return;
     smallest_ns = std::min(smallest_ns, pairing.nearest_ns);
   }
   const std::string remedy =
-      frames.pairings.empty()
+      pairings.empty()
           ? "; there is only one camera: put the images of each camera into a "
             "folder of its own, or set rig_name_rule"
           : ", the nearest are " +
@@ -238,26 +253,24 @@ void CheckPaired(const RigInput& input, const FramesByTime& frames,
 }
 
 // Names the sensors with images that are alone in their frame.
-void WarnOfSingleImages(const RigInput& input,
-                        const std::vector<TimedSensor>& sensors,
-                        const std::vector<int>& sensor_of_image,
+void WarnOfSingleImages(const RigInput& input, const TimedSensors& sensors,
                         const FramesByTime& frames, const FrameTimes& times,
                         const Context& context) {
   std::vector<size_t> frame_sizes(frames.frames.size(), 0);
   for (const int frame : frames.frame_of_image) {
     if (frame >= 0) ++frame_sizes[frame];
   }
-  std::vector<std::vector<size_t>> single_images(sensors.size());
-  for (size_t i = 0; i < sensor_of_image.size(); ++i) {
+  std::vector<std::vector<size_t>> single_images(sensors.sensors.size());
+  for (size_t i = 0; i < frames.frame_of_image.size(); ++i) {
     const int frame = frames.frame_of_image[i];
     if (frame >= 0 && frame_sizes[frame] == 1) {
-      single_images[sensor_of_image[i]].push_back(i);
+      single_images[sensors.sensor_of_image[i]].push_back(i);
     }
   }
-  for (size_t s = 0; s < sensors.size(); ++s) {
+  for (size_t s = 0; s < single_images.size(); ++s) {
     if (single_images[s].empty()) continue;
     context.Warning(std::to_string(single_images[s].size()) + " images of '" +
-                    sensors[s].name + "' have no partner within " +
+                    sensors.sensors[s].name + "' have no partner within " +
                     Limit(times) + "; the first is '" +
                     input.contents.images[single_images[s].front()].name + "'");
   }
@@ -269,13 +282,8 @@ double RoundUp(double value) {
   return std::ceil(value / unit - 1e-9) * unit;
 }
 
-struct KeySensors {
-  std::vector<TimedSensor> sensors;
-  std::vector<int> sensor_of_image;
-};
-
-KeySensors SensorsOfKeys(const std::vector<ImageKeys>& keys) {
-  KeySensors result;
+TimedSensors SensorsOfKeys(const std::vector<ImageKeys>& keys) {
+  TimedSensors result;
   std::map<std::string, int> rigs;
   std::map<std::string, int> sensors;
   for (const ImageKeys& key : keys) {
@@ -290,7 +298,7 @@ KeySensors SensorsOfKeys(const std::vector<ImageKeys>& keys) {
 }
 
 // Half of the median time between images of a sensor, over all sensors.
-int64_t HalfInterval(const KeySensors& keys,
+int64_t HalfInterval(const TimedSensors& keys,
                      const std::vector<int64_t>& times) {
   std::vector<std::vector<int64_t>> times_of_sensor(keys.sensors.size());
   for (size_t i = 0; i < times.size(); ++i) {
@@ -309,38 +317,29 @@ int64_t HalfInterval(const KeySensors& keys,
 
 }  // namespace
 
-FramesByTime FindFramesByTime(const std::vector<TimedSensor>& sensors,
-                              const std::vector<int>& sensor_of_image,
-                              const FrameTimes& times) {
-  return FramePairer(sensors, times).Find(sensor_of_image);
-}
-
-void ReportFramesByTime(const RigInput& input,
-                        const std::vector<TimedSensor>& sensors,
-                        const std::vector<int>& sensor_of_image,
-                        const FramesByTime& frames, const FrameTimes& times,
-                        const Context& context) {
-  CheckDistinct(input, frames, times);
-  CheckPaired(input, frames, times);
-  for (const FramesByTime::Pairing& pairing : frames.pairings) {
+FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
+                        const FrameTimes& times, const Context& context) {
+  PairedFrames found =
+      FramePairer(sensors, times).Find(sensors.sensor_of_image);
+  CheckDistinct(input, found, times);
+  CheckPaired(input, found.pairings, times);
+  for (const Pairing& pairing : found.pairings) {
     if (pairing.differences_ns.empty()) continue;
-    context.Info("frames by time: '" + sensors[pairing.sensor].name +
+    context.Info("frames by time: '" + sensors.sensors[pairing.sensor].name +
                  "': " + std::to_string(pairing.differences_ns.size()) +
                  " of " + std::to_string(pairing.num_images) +
                  " images paired with those of '" +
-                 sensors[pairing.first_sensor].name + "'; " +
+                 sensors.sensors[pairing.first_sensor].name + "'; " +
                  DescribeDifferences(pairing.differences_ns));
   }
-  WarnOfSingleImages(input, sensors, sensor_of_image, frames, times, context);
+  WarnOfSingleImages(input, sensors, found.frames, times, context);
+  return std::move(found.frames);
 }
 
 void SetFramesByTime(const RigInput& input, const FrameTimes& times,
                      const Context& context, std::vector<ImageKeys>* keys) {
-  const KeySensors sensors = SensorsOfKeys(*keys);
   const FramesByTime found =
-      FindFramesByTime(sensors.sensors, sensors.sensor_of_image, times);
-  ReportFramesByTime(input, sensors.sensors, sensors.sensor_of_image, found,
-                     times, context);
+      PairByTime(input, SensorsOfKeys(*keys), times, context);
   for (size_t i = 0; i < keys->size(); ++i) {
     const int frame = found.frame_of_image[i];
     (*keys)[i].frame = std::to_string(frame);
@@ -350,7 +349,7 @@ void SetFramesByTime(const RigInput& input, const FrameTimes& times,
 
 std::optional<std::string> SuggestFramesByTime(
     const RigInput& input, const std::vector<ImageKeys>& keys) {
-  const KeySensors sensors = SensorsOfKeys(keys);
+  const TimedSensors sensors = SensorsOfKeys(keys);
   FrameTimes times;
   for (const ImageRow& image : input.contents.images) {
     const std::optional<int64_t> time_ns = TimeInName(image.name);
@@ -361,13 +360,13 @@ std::optional<std::string> SuggestFramesByTime(
   if (sensors.sensors.size() < 2 || times.max_difference_ns == 0) {
     return std::nullopt;
   }
-  const FramesByTime found =
-      FindFramesByTime(sensors.sensors, sensors.sensor_of_image, times);
+  const PairedFrames found =
+      FramePairer(sensors, times).Find(sensors.sensor_of_image);
   if (found.same_time) return std::nullopt;
   size_t num_images = 0;
   size_t num_pairs = 0;
   int64_t largest_ns = 1;
-  for (const FramesByTime::Pairing& pairing : found.pairings) {
+  for (const Pairing& pairing : found.pairings) {
     num_images += pairing.num_images;
     num_pairs += pairing.differences_ns.size();
     for (const int64_t difference_ns : pairing.differences_ns) {

@@ -10,7 +10,6 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "rigs/frames_by_time.h"
 #include "rigs/rig_inference.h"
 
 namespace mgsfm {
@@ -299,8 +298,8 @@ std::string WithoutCamera(const std::string& name, const Texts& texts,
   return rest;
 }
 
-ImageKeys MakeKeys(const std::string& name, const Texts& texts,
-                   const NameRule& rule) {
+ImageKeys KeysOfMatch(const std::string& name, const Texts& texts,
+                      const NameRule& rule) {
   const std::string rig = JoinGroups(texts, rule, "rig");
   ImageKeys keys;
   keys.sensor_name = JoinGroups(texts, rule, "camera");
@@ -325,7 +324,7 @@ RigAssignment AssignByRule(const RigInput& input, const std::string& rule,
       ThrowRuleError(rule, "does not match the image name '" + image.name +
                                "'; it must match all names as a whole");
     }
-    keys.push_back(MakeKeys(image.name, texts, parsed));
+    keys.push_back(KeysOfMatch(image.name, texts, parsed));
   }
   if (times != nullptr) SetFramesByTime(input, *times, context, &keys);
   RigAssignment assignment = AssignByKeys(input, keys);

@@ -203,8 +203,7 @@ std::string ImagePrefix(const Image& image, const std::string& sensor_name,
     const bool is_folder = end > *begin && image.name[end] == '/';
     return image.name.substr(0, is_folder ? end + 1 : end);
   }
-  const size_t slash = image.name.rfind('/');
-  return slash == std::string::npos ? "" : image.name.substr(0, slash + 1);
+  return image.name.substr(0, image.name.rfind('/') + 1);
 }
 
 // Groups the images of a rig by outer folder.
@@ -287,8 +286,8 @@ std::vector<NameGroup> DescribeRig(const Scene& scene, int rig_idx) {
 
 // The rig's reference, if it has images here, else the first sensor that has a
 // pose to which the others can be related.
-int ChooseReference(const Scene& scene, const Reconstruction& reconstruction,
-                    const NameGroup& group) {
+int ReferenceOf(const Scene& scene, const Reconstruction& reconstruction,
+                const NameGroup& group) {
   int chosen = -1;
   for (const auto& [sensor_idx, rule] : group.rule_of_sensor) {
     if (scene.IsReference(sensor_idx)) return sensor_idx;
@@ -305,7 +304,7 @@ int ChooseReference(const Scene& scene, const Reconstruction& reconstruction,
 RigConfig MakeRigConfig(const Scene& scene,
                         const Reconstruction& reconstruction,
                         const NameGroup& group) {
-  const int ref_sensor_idx = ChooseReference(scene, reconstruction, group);
+  const int ref_sensor_idx = ReferenceOf(scene, reconstruction, group);
   const auto& ref_from_rig = reconstruction.sensor_from_rig[ref_sensor_idx];
   RigConfig rig;
   for (const auto& [sensor_idx, rule] : group.rule_of_sensor) {

@@ -6,10 +6,12 @@
 #include <map>
 #include <set>
 
+#include "base/text_tools.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "rigs/name_patterns.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -29,11 +31,7 @@ std::string CommonFolder(const RigInput& input,
         std::mismatch(common.begin(), common.begin() + size, folders.begin());
     common.erase(end.first, common.end());
   }
-  std::string joined;
-  for (const std::string& folder : common) {
-    joined += (joined.empty() ? "" : "/") + folder;
-  }
-  return joined;
+  return Joined(common, "/");
 }
 
 // Numbers the distinct strings in order of appearance.
@@ -214,10 +212,7 @@ class TableAssigner {
 
   RigAssignment Assign() {
     for (const RigRow& rig : input_.contents.rigs) AddRig(rig);
-    std::map<ImageId, int> image_of_id;
-    for (size_t i = 0; i < input_.contents.images.size(); ++i) {
-      image_of_id[input_.contents.images[i].id] = static_cast<int>(i);
-    }
+    const auto image_of_id = IndexById(input_.contents.images);
     for (const FrameRow& frame : input_.contents.frames) {
       AddFrame(frame, image_of_id);
     }
@@ -336,10 +331,7 @@ std::vector<std::string> TableAssigner::CommonStarts(bool whole_folders) const {
   std::vector<std::optional<std::string>> starts(assignment_.sensors.size());
   for (size_t i = 0; i < input_.contents.images.size(); ++i) {
     std::string name = input_.contents.images[i].name;
-    const size_t slash = name.rfind('/');
-    if (whole_folders) {
-      name = slash == std::string::npos ? "" : name.substr(0, slash + 1);
-    }
+    if (whole_folders) name = name.substr(0, name.rfind('/') + 1);
     auto& start = starts[assignment_.sensor_of_image[i]];
     if (!start) start = name;
     const size_t size = std::min(start->size(), name.size());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -8,6 +9,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/database/database.h"
 #include "mgsfm/rigs/rig_config.h"
+#include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
@@ -60,7 +62,11 @@ struct ImageKeys {
   std::string frame_name;
 };
 
-struct FrameTimes;  // frames_by_time.h
+// Times of all images, and how far apart those of one frame may be.
+struct FrameTimes {
+  std::vector<int64_t> times_ns;  // per image
+  int64_t max_difference_ns = 0;
+};
 
 // The four sources of rigs, see scene_loading.h. Images make frames by their
 // times if these are given, else by their names. AssignByTables returns nullopt
@@ -86,6 +92,8 @@ void AssignSingleImages(const RigInput& input, const std::vector<int>& images,
 
 bool HaveEqualIntrinsics(const Camera& a, const Camera& b);
 
+// ---------------------------------------------------------------- names
+
 // Whether a name has a word for a camera, such as "cam", "left" or "front".
 bool IsCalledLikeCamera(std::string name);
 
@@ -102,5 +110,80 @@ std::optional<size_t> FindSensorName(const std::string& image_name,
 // sensor and the extension.
 std::string NameWithoutSensor(const std::string& image_name,
                               const std::string& sensor_name);
+
+// -------------------------------------------------------- frames by time
+
+// The cameras of rigs whose frames are sought, and the camera of each image;
+// -1: the image takes no part.
+struct TimedSensors {
+  struct Sensor {
+    std::string name;
+    int rig = 0;
+    bool is_reference = false;
+  };
+  std::vector<Sensor> sensors;
+  std::vector<int> sensor_of_image;
+};
+
+struct FramesByTime {
+  struct Frame {
+    int rig = 0;
+    std::string name;  // the time of its first sensor, with nine decimals
+  };
+  std::vector<Frame> frames;
+  std::vector<int> frame_of_image;  // -1: the image has no sensor
+};
+
+// Pairs the images of the sensors of each rig one to one. The sensors join one
+// after the other: the reference, then by descending number of images, then by
+// name. An image and a frame are paired if each is the nearest of the other and
+// they are at most max_difference_ns apart; of two that are equally near, the
+// earlier one counts. Images without a partner become frames. Cost: O(n log n)
+// per sensor.
+//
+// Logs the pairs, the images without a partner, and the distribution of
+// differences of each sensor. Throws Error if there is no pair, or if two
+// images of a sensor have one time.
+FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
+                        const FrameTimes& times, const Context& context);
+
+// Replaces the frames of the keys by those of their times.
+void SetFramesByTime(const RigInput& input, const FrameTimes& times,
+                     const Context& context, std::vector<ImageKeys>* keys);
+
+// ------------------------------------------------------------ suggestions
+
+// A difference that pairs most images of folders that share no names, if their
+// names have times, in words as a remedy; nullopt if there is none. `keys` name
+// the cameras.
+std::optional<std::string> SuggestFramesByTime(
+    const RigInput& input, const std::vector<ImageKeys>& keys);
+
+// A rule by which names that no folder tells apart make rigs, as those of
+// left_0001.jpg and right_0001.jpg.
+struct RigRuleSuggestion {
+  std::string text;  // with the rule, ready to paste
+  // A word of the names means a camera, so that chance is unlikely.
+  bool is_likely = false;
+};
+
+// The cameras are the texts at one place of the names. Without them, most names
+// are those of several images, or the times in the names agree. nullopt if no
+// place is like this.
+std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input);
+
+// ---------------------------------------------------------------- scene
+
+// Builds the scene in canonical order: merges equal cameras of a sensor,
+// chooses reference sensors, drops sensors and frames without images. Throws
+// Error if a sensor has two images in a frame, or images with different
+// intrinsics.
+Scene BuildScene(RigInput input, RigAssignment assignment,
+                 const Context& context);
+
+// Why the known poses in rigs cannot be in meters: rigs on ships and trucks are
+// shorter than the bound, and baselines in millimeters exceed it. nullopt if
+// they may be.
+std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene);
 
 }  // namespace mgsfm

@@ -10,7 +10,6 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "rigs/frames_by_time.h"
 #include "rigs/name_patterns.h"
 #include "rigs/rig_inference.h"
 
@@ -135,14 +134,11 @@ void WarnIfNamesShareNoFrame(const RigInput& input,
 
 void AddFramesByTime(const RigInput& input, const FrameTimes& times,
                      const Context& context, RigAssignment* assignment) {
-  std::vector<TimedSensor> sensors;
+  TimedSensors sensors{{}, assignment->sensor_of_image};
   for (const RigAssignment::Sensor& sensor : assignment->sensors) {
-    sensors.push_back({sensor.name, sensor.rig, sensor.is_reference});
+    sensors.sensors.push_back({sensor.name, sensor.rig, sensor.is_reference});
   }
-  const FramesByTime found =
-      FindFramesByTime(sensors, assignment->sensor_of_image, times);
-  ReportFramesByTime(input, sensors, assignment->sensor_of_image, found, times,
-                     context);
+  const FramesByTime found = PairByTime(input, sensors, times, context);
   for (const FramesByTime::Frame& frame : found.frames) {
     assignment->frames.push_back({frame.rig, frame.name, {}});
   }

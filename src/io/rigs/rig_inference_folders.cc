@@ -1,14 +1,172 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <re2/re2.h>
+
 #include <algorithm>
+#include <cctype>
 #include <map>
 #include <set>
+#include <tuple>
+#include <vector>
 
+#include "base/text_tools.h"
 #include "mgsfm/base/error.h"
-#include "rigs/frames_by_time.h"
+#include "rigs/name_patterns.h"
 #include "rigs/rig_inference.h"
-#include "rigs/rig_rule_suggestion.h"
 
 namespace mgsfm {
+namespace {
+
+// Rigs have fewer cameras; more texts are those of frames.
+constexpr size_t kMaxNumCameras = 24;
+
+using NameParts = std::vector<std::string>;
+
+// A place in the names whose texts may be cameras.
+struct Place {
+  size_t position = 0;
+  std::set<std::string> cameras;
+  size_t num_shared = 0;  // images whose frame has another image
+  size_t num_frames = 0;
+  bool is_called_like_cameras = false;
+
+  bool operator<(const Place& other) const {
+    return std::make_tuple(is_called_like_cameras, num_shared, num_frames) <
+           std::make_tuple(other.is_called_like_cameras, other.num_shared,
+                           other.num_frames);
+  }
+};
+
+bool IsWord(const std::string& part) {
+  return std::isalnum(static_cast<unsigned char>(part.front())) != 0;
+}
+
+bool IsSide(const std::string& part) {
+  return part.size() == 1 && std::string("lrLR").find(part) < 4;
+}
+
+std::string JoinWithout(const NameParts& parts, size_t position) {
+  std::string joined;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    // A star keeps the place apart from the neighbors.
+    joined += i == position ? "*" : parts[i];
+  }
+  return joined;
+}
+
+std::optional<Place> RatePlace(const std::vector<NameParts>& names,
+                               size_t position) {
+  Place place;
+  place.position = position;
+  std::map<std::string, size_t> frame_sizes;
+  for (const NameParts& parts : names) {
+    if (!IsWord(parts[position])) return std::nullopt;
+    place.cameras.insert(parts[position]);
+    ++frame_sizes[JoinWithout(parts, position)];
+  }
+  if (place.cameras.size() < 2 || place.cameras.size() > kMaxNumCameras) {
+    return std::nullopt;
+  }
+  for (const auto& [frame, size] : frame_sizes) {
+    if (size > 1) place.num_shared += size;
+  }
+  place.num_frames = frame_sizes.size();
+  const auto num_called = std::count_if(
+      place.cameras.begin(), place.cameras.end(), [](const std::string& name) {
+        return IsCalledLikeCamera(name) || IsSide(name);
+      });
+  place.is_called_like_cameras =
+      2 * static_cast<size_t>(num_called) > place.cameras.size();
+  return place;
+}
+
+std::string RuleOf(const NameParts& example, const Place& place) {
+  const size_t p = place.position;
+  std::string rule;
+  if (p > 0) rule += ".*";
+  if (p > 0 && !IsWord(example[p - 1])) rule += RE2::QuoteMeta(example[p - 1]);
+  rule += "(?<camera>" + Joined(place.cameras, "|") + ")";
+  if (p + 1 == example.size()) return rule;
+  if (!IsWord(example[p + 1])) rule += RE2::QuoteMeta(example[p + 1]);
+  return rule + ".*";
+}
+
+// Whether the rule finds the cameras of all names.
+bool Fits(const std::string& rule, const std::vector<NameParts>& names,
+          const RigInput& input, size_t position) {
+  RE2::Options quiet;
+  quiet.set_log_errors(false);
+  std::string with_names = rule;
+  with_names.replace(rule.find("(?<"), 3, "(?P<");
+  const RE2 regex(with_names, quiet);
+  for (size_t i = 0; i < names.size(); ++i) {
+    std::string camera;
+    if (!RE2::FullMatch(input.contents.images[i].name, regex, &camera) ||
+        camera != names[i][position]) {
+      return false;
+    }
+  }
+  return true;
+}
+
+std::vector<ImageKeys> KeysByCamera(const std::vector<NameParts>& names,
+                                    size_t position) {
+  std::vector<ImageKeys> keys;
+  for (const NameParts& parts : names) {
+    keys.push_back({"", parts[position], "", parts[position], ""});
+  }
+  return keys;
+}
+
+std::optional<RigRuleSuggestion> Suggest(const RigInput& input,
+                                         const std::vector<NameParts>& names) {
+  std::vector<Place> places;
+  for (size_t p = 0; p < names.front().size(); ++p) {
+    if (const auto place = RatePlace(names, p)) places.push_back(*place);
+  }
+  if (places.empty()) return std::nullopt;
+  const Place& best = *std::max_element(places.begin(), places.end());
+  const std::string rule = RuleOf(names.front(), best);
+  if (!Fits(rule, names, input, best.position)) return std::nullopt;
+  const std::string text = "the names of images tell the cameras '" +
+                           Joined(best.cameras, "', '") +
+                           "' apart; if these are mounted on one rig, set "
+                           "rig_name_rule '" +
+                           rule + "'";
+  // Texts without a meaning are cameras only if nearly all frames are complete.
+  constexpr double kMinShared = 0.5, kMinSharedOfUnknown = 0.9;
+  const double shared =
+      static_cast<double>(best.num_shared) / static_cast<double>(names.size());
+  if (best.is_called_like_cameras && shared >= kMinShared)
+    return {{text, true}};
+  if (best.is_called_like_cameras) {
+    const auto by_time =
+        SuggestFramesByTime(input, KeysByCamera(names, best.position));
+    if (by_time) return {{text + "; " + *by_time, true}};
+  }
+  if (shared >= kMinSharedOfUnknown && best.num_frames > best.cameras.size()) {
+    return {{text, false}};
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input) {
+  for (const bool splits_words : {false, true}) {
+    std::vector<NameParts> names;
+    for (const ImageRow& image : input.contents.images) {
+      names.push_back(SplitNameParts(image.name, splits_words));
+      if (names.back().size() != names.front().size()) break;
+    }
+    if (names.empty() || names.size() != input.contents.images.size() ||
+        names.back().size() != names.front().size()) {
+      continue;
+    }
+    if (auto suggestion = Suggest(input, names)) return suggestion;
+  }
+  return std::nullopt;
+}
+
 namespace {
 
 // The best level must exceed the next by this factor in images that share
@@ -54,14 +212,6 @@ std::string NameWithoutLevel(const Name& name, size_t level) {
     if (i != level) rest += name.folders[i] + "/";
   }
   return rest + name.file;
-}
-
-std::string FolderPath(const Name& name) {
-  std::string path;
-  for (const std::string& folder : name.folders) {
-    path += (path.empty() ? "" : "/") + folder;
-  }
-  return path;
 }
 
 // Scores a level of folders; nullopt if all its folders have one name.
@@ -149,8 +299,8 @@ ImageKeys MakeKeys(const Name& name, const std::string& image_name,
   // Outer folders without common camera names hold different rigs, which share
   // no frames.
   const bool has_camera_name = level && level->has_one_camera_per_folder;
-  keys.sensor_name =
-      has_camera_name ? name.folders[level->position] : FolderPath(name);
+  keys.sensor_name = has_camera_name ? name.folders[level->position]
+                                     : Joined(name.folders, "/");
   keys.frame_name =
       level ? NameWithoutLevel(name, level->position) : image_name;
   const std::string depth = std::to_string(name.folders.size()) + "/";

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rigs/scene_builder.h"
-
 #include <algorithm>
 #include <map>
 #include <set>
@@ -10,6 +8,7 @@
 #include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "mgsfm/base/error.h"
+#include "rigs/rig_inference.h"
 #include "scene/intrinsics_check.h"
 
 namespace mgsfm {
