@@ -17,7 +17,6 @@
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/spanning_tree.h"
-#include "mgsfm/geometry/camera_models.h"
 #include "translation_averaging/baseline_directions.h"
 #include "translation_averaging/scale_averaging.h"
 
@@ -65,15 +64,10 @@ std::vector<SensorPair> FindSensorPairs(const MotionInput& input) {
   return sensor_pairs;
 }
 
-double PixelsPerRadianOf(const Scene& scene, int image_idx) {
-  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
-  return PixelsPerRadian(camera.model, camera.params.data());
-}
-
 // The standard deviation of the angle between the rays of a match.
 double RayNoiseRad(const Scene& scene, const ImagePair& pair, double noise_px) {
-  return std::hypot(noise_px / PixelsPerRadianOf(scene, pair.image_idx1),
-                    noise_px / PixelsPerRadianOf(scene, pair.image_idx2));
+  return std::hypot(ErrorRad(scene, pair.image_idx1, noise_px),
+                    ErrorRad(scene, pair.image_idx2, noise_px));
 }
 
 // The matches of all frames, as if one pair of images had them.
@@ -86,18 +80,12 @@ RayMatches PoolMatches(const Scene& scene, const Bearings& bearings,
   size_t num_seen = 0;
   for (const ImagePair* pair : sensor_pair.pairs) {
     const bool is_swapped = IsSwapped(scene, *pair);
-    for (const Match& match : pair->matches) {
-      const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-      const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-      if (num_seen++ % stride != 0 ||
-          !bearings.HasRay(pair->image_idx1, keypoint1) ||
-          !bearings.HasRay(pair->image_idx2, keypoint2)) {
-        continue;
-      }
-      const Vector3d& ray1 = bearings.Ray(pair->image_idx1, keypoint1);
-      const Vector3d& ray2 = bearings.Ray(pair->image_idx2, keypoint2);
-      pooled.Add(is_swapped ? ray2 : ray1, is_swapped ? ray1 : ray2);
-    }
+    ForEachRays(bearings, *pair,
+                [&](const Match&, const Vector3d& ray1, const Vector3d& ray2) {
+                  if (num_seen++ % stride != 0) return;
+                  pooled.Add(is_swapped ? ray2 : ray1,
+                             is_swapped ? ray1 : ray2);
+                });
   }
   return pooled;
 }
@@ -198,22 +186,6 @@ std::optional<Intersection> Intersect(const Rigid3& cam2_from_cam1,
   }
   return Intersection{
       {t.cross(ray2).norm() / sine, t.cross(turned).norm() / sine}, sine};
-}
-
-// Calls function(match, ray1, ray2) for all matches of a pair with rays.
-template <typename Function>
-void ForEachRays(const Bearings& bearings, const ImagePair& pair,
-                 const Function& function) {
-  for (const Match& match : pair.matches) {
-    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
-        !bearings.HasRay(pair.image_idx2, keypoint2)) {
-      continue;
-    }
-    function(match, bearings.Ray(pair.image_idx1, keypoint1),
-             bearings.Ray(pair.image_idx2, keypoint2));
-  }
 }
 
 // Calls function(match, intersection) for all matches of a pair that intersect.

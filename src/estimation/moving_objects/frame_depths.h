@@ -59,9 +59,6 @@ struct DepthOptions {
 struct BaselineLength {
   double value = 0.0;
   double sigma = 0.0;
-
-  // At a false alarm rate of 1e-3.
-  bool IsSignificant() const { return value > 3.1 * sigma; }
 };
 [[nodiscard]] std::optional<BaselineLength> MeasureBaselineLength(
     const Scene& scene, const Bearings& bearings, const ImagePair& pair,

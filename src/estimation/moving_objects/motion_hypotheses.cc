@@ -11,7 +11,6 @@
 #include "base/random.h"
 #include "geometry/epipolar.h"
 #include "math/robust_scale.h"
-#include "mgsfm/geometry/camera_models.h"
 #include "moving_objects/motion_candidates.h"
 
 namespace mgsfm {
@@ -51,74 +50,35 @@ struct AgreementCounts {
   }
 };
 
-// The motions of all steps that correspondences with depth support.
-SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
-                                         const Context& context) {
+// The hypotheses of all steps by a function of two frames.
+template <typename Function>
+SequenceHypotheses ForEachStep(const MotionProblem& problem, int num_threads,
+                               const Function& find) {
   SequenceHypotheses hypotheses;
   for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    std::vector<StepHypotheses> steps(std::max<size_t>(sequence.size(), 1) - 1);
-    ParallelFor(steps.size(), context.num_threads, [&](size_t k) {
-      const FramePair* frames =
-          problem.matches_index.Find(sequence[k], sequence[k + 1]);
-      if (frames == nullptr) return;
-      for (const RigMotion& motion :
-           FindRigMotions(problem.MatchesOf(sequence[k], *frames),
-                          kDepthErrorFactor * problem.max_error_px,
-                          Random(context.random_seed,
-                                 static_cast<uint64_t>(sequence[k])))) {
-        steps[k].push_back({motion.measured.later_from_earlier,
-                            motion.share,
-                            motion.own_share,
-                            {},
-                            motion.reach,
-                            motion.measured.rotation_covariance,
-                            motion.measured.center_covariance});
-      }
+    hypotheses.emplace_back(std::max<size_t>(sequence.size(), 1) - 1);
+    ParallelFor(hypotheses.back().size(), num_threads, [&](size_t k) {
+      hypotheses.back()[k] = find(sequence[k], sequence[k + 1]);
     });
-    hypotheses.push_back(std::move(steps));
   }
   return hypotheses;
 }
 
-// Sets the covariances of a motion by the relative pose of two images. Lever
+// The motion of the rig by the relative pose of two images of one sensor, from
+// the earlier to the later frame. Without a length, its distance is free. Lever
 // arms are short against the distance to the scene: the error of the rotation
 // does not move the center by them.
-void SetCovariances(const MotionProblem& problem, const ImagePair& pair,
-                    const Rigid3& sensor_from_rig, bool is_reversed,
-                    MotionHypothesis* hypothesis) {
-  const std::optional<Vector3d>& direction =
-      pair.relative_pose->translation_direction;
-  if (!direction) {
-    // Shorter motions would not show.
-    hypothesis->center_covariance = problem.noise_displacement *
-                                    problem.noise_displacement *
-                                    Matrix3d::Identity();
-    return;
-  }
-  const MeasuredMotion of_pair =
-      MeasuredMotionOf({pair.relative_pose->cam2_from_cam1, *direction},
-                       CovarianceOf(problem, pair), is_reversed);
-  const Matrix3d rig_from_sensor =
-      sensor_from_rig.rotation.conjugate().toRotationMatrix();
-  hypothesis->rotation_covariance = rig_from_sensor *
-                                    of_pair.rotation_covariance *
-                                    rig_from_sensor.transpose();
-  hypothesis->center_covariance =
-      rig_from_sensor * of_pair.center_covariance * rig_from_sensor.transpose();
-}
-
-// The motion of the rig by the relative pose of two images of one sensor, from
-// the earlier to the later frame. If its length does not differ from zero
-// significantly, its direction has no meaning.
 MotionHypothesis RigMotionOf(const MotionProblem& problem,
-                             const Rigid3& sensor_from_rig,
                              const ImagePair& pair,
-                             const std::optional<BaselineLength>& length,
-                             PairDistance distance) {
+                             const std::optional<BaselineLength>& length) {
   const Image& image1 = problem.scene.images[pair.image_idx1];
   const Image& image2 = problem.scene.images[pair.image_idx2];
+  const Rigid3& sensor_from_rig =
+      *problem.depths.cam_from_rig[image1.sensor_idx];
   const bool is_reversed =
       problem.index.order()->IsBefore(image2.frame_idx, image1.frame_idx);
+  const auto& pair_direction = pair.relative_pose->translation_direction;
+  const Vector3d direction = pair_direction.value_or(Vector3d::Zero());
   const auto motion_of = [&](const Vector3d& translation) {
     const Rigid3 motion =
         sensor_from_rig.Inverse() *
@@ -126,45 +86,55 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
         sensor_from_rig;
     return is_reversed ? motion.Inverse() : motion;
   };
-  const Vector3d direction =
-      pair.relative_pose->translation_direction.value_or(Vector3d::Zero());
   MotionHypothesis hypothesis;
-  const bool is_free = distance == PairDistance::kFree;
   hypothesis.later_from_earlier =
-      motion_of((is_free ? 0.0 : length->value) * direction);
-  const Vector3d rig_direction =
-      motion_of(direction).Center() - motion_of(Vector3d::Zero()).Center();
-  SetCovariances(problem, pair, sensor_from_rig, is_reversed, &hypothesis);
-  if (is_free) hypothesis.free_direction = rig_direction;
-  if (!pair.relative_pose->translation_direction || !length) return hypothesis;
-  const Matrix3d of_length =
-      length->sigma * length->sigma * Matrix3d::Identity();
-  if (!is_free) {
-    hypothesis.center_covariance =
-        length->value * length->value * hypothesis.center_covariance +
-        of_length;
+      motion_of((length ? length->value : 0.0) * direction);
+  if (!length) {
+    hypothesis.free_direction =
+        motion_of(direction).Center() - motion_of(Vector3d::Zero()).Center();
+  }
+  Matrix3d& center_covariance = hypothesis.center_covariance;
+  if (!pair_direction) {
+    // Shorter motions would not show.
+    center_covariance = problem.noise_displacement *
+                        problem.noise_displacement * Matrix3d::Identity();
+    return hypothesis;
+  }
+  const MeasuredMotion of_pair =
+      MeasuredMotionOf({pair.relative_pose->cam2_from_cam1, direction},
+                       CovarianceOf(problem, pair), is_reversed);
+  const Matrix3d rig_from_sensor =
+      sensor_from_rig.rotation.conjugate().toRotationMatrix();
+  hypothesis.rotation_covariance = rig_from_sensor *
+                                   of_pair.rotation_covariance *
+                                   rig_from_sensor.transpose();
+  center_covariance =
+      rig_from_sensor * of_pair.center_covariance * rig_from_sensor.transpose();
+  if (length) {
+    center_covariance = (length->value * length->value * center_covariance +
+                         length->sigma * length->sigma * Matrix3d::Identity())
+                            .eval();
   }
   return hypothesis;
 }
 
-// The motions of one step by its pairs of equal sensors.
-StepHypotheses MotionsOfPairs(
-    const MotionProblem& problem,
-    const std::vector<std::optional<Rigid3>>& sensors,
-    const std::vector<std::optional<BaselineLength>>& lengths,
-    PairDistance distance, const FramePair& frames) {
+// The motions of one step by its pairs of equal sensors. Without `lengths`,
+// their distances are free; with them, pairs of unknown length are left out.
+StepHypotheses MotionsOfPairs(const MotionProblem& problem,
+                              const BaselineLengths* lengths,
+                              const FramePair& frames) {
   StepHypotheses step;
   double num_matches = 0.0;
   for (const size_t i : frames.pair_idxs) {
     const ImagePair& pair = problem.view_graph.pairs[i];
     const int sensor_idx = problem.scene.images[pair.image_idx1].sensor_idx;
-    if (!pair.relative_pose || !sensors[sensor_idx] ||
-        (distance == PairDistance::kMeasured && !lengths[i]) ||
+    if (!pair.relative_pose || !problem.depths.cam_from_rig[sensor_idx] ||
+        (lengths && !(*lengths)[i]) ||
         sensor_idx != problem.scene.images[pair.image_idx2].sensor_idx) {
       continue;
     }
     step.push_back(
-        RigMotionOf(problem, *sensors[sensor_idx], pair, lengths[i], distance));
+        RigMotionOf(problem, pair, lengths ? (*lengths)[i] : std::nullopt));
     step.back().share = static_cast<double>(pair.matches.size());
     num_matches += step.back().share;
   }
@@ -177,10 +147,10 @@ StepHypotheses MotionsOfPairs(
 
 // Per pair: the length of its baseline by the depths of its keypoints, for
 // images of one sensor in consecutive frames.
-std::vector<std::optional<BaselineLength>> MeasureLengths(
-    const MotionProblem& problem, const Context& context) {
+BaselineLengths MeasureLengths(const MotionProblem& problem,
+                               const Context& context) {
   const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
-  std::vector<std::optional<BaselineLength>> lengths(pairs.size());
+  BaselineLengths lengths(pairs.size());
   ParallelFor(pairs.size(), context.num_threads, [&](size_t i) {
     const ImagePair& pair = pairs[i];
     if (problem.index.Of(i).time_gap != 1 || !pair.relative_pose ||
@@ -224,18 +194,9 @@ void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
   }
   for (size_t i = 0; i < by_depth->size(); ++i) {
     MotionHypothesis& motion = (*by_depth)[i];
-    if (AreEqualMotions(
-            {motion.later_from_earlier, motion.rotation_covariance,
-             motion.center_covariance},
-            {strongest.later_from_earlier, strongest.rotation_covariance,
-             strongest.center_covariance},
-            {}) ||
-        exclusions[i].balance < 0) {
-      continue;
+    if (exclusions[i].balance >= 0 && !AreEqualMotions(motion, strongest, {})) {
+      static_cast<MeasuredMotion&>(motion) = strongest;
     }
-    motion.later_from_earlier = strongest.later_from_earlier;
-    motion.rotation_covariance = strongest.rotation_covariance;
-    motion.center_covariance = strongest.center_covariance;
   }
 }
 
@@ -258,14 +219,8 @@ std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
 }
 
 double ToleranceOf(const MotionProblem& problem, const ImagePair& pair) {
-  double tolerance_rad = 0.0;
-  for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
-    const Camera& camera =
-        problem.scene.cameras[problem.scene.images[image_idx].camera_idx];
-    tolerance_rad += 0.5 * problem.max_error_px /
-                     PixelsPerRadian(camera.model, camera.params.data());
-  }
-  return tolerance_rad;
+  return ErrorRad(problem.scene, pair.image_idx1, 0.5 * problem.max_error_px) +
+         ErrorRad(problem.scene, pair.image_idx2, 0.5 * problem.max_error_px);
 }
 
 MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
@@ -312,16 +267,10 @@ Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
   const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
                     *pair.relative_pose->translation_direction};
   RayMatches rays;
-  for (const Match& match : pair.matches) {
-    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-    if (!problem.bearings.HasRay(pair.image_idx1, keypoint1) ||
-        !problem.bearings.HasRay(pair.image_idx2, keypoint2)) {
-      continue;
-    }
-    rays.Add(problem.bearings.Ray(pair.image_idx1, keypoint1),
-             problem.bearings.Ray(pair.image_idx2, keypoint2));
-  }
+  ForEachRays(problem.bearings, pair,
+              [&](const Match&, const Vector3d& ray1, const Vector3d& ray2) {
+                rays.Add(ray1, ray2);
+              });
   PoseRefinementOptions options;
   options.loss_scale_rad =
       rays.size() == 0 ? 1.0
@@ -330,44 +279,35 @@ Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
   return RelativePoseCovariance(rays, options, pose);
 }
 
-SequenceHypotheses FindHypothesesByPairs(
-    const MotionProblem& problem,
-    const std::vector<std::optional<Rigid3>>& sensor_from_rig,
-    const std::vector<std::optional<BaselineLength>>& lengths,
-    PairDistance distance) {
-  SequenceHypotheses hypotheses;
-  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    hypotheses.emplace_back(std::max<size_t>(sequence.size(), 1) - 1);
-    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
-      const FramePair* frames =
-          problem.index.Find(sequence[k], sequence[k + 1]);
-      if (frames == nullptr) continue;
-      hypotheses.back()[k] =
-          MotionsOfPairs(problem, sensor_from_rig, lengths, distance, *frames);
-    }
-  }
-  return hypotheses;
+SequenceHypotheses FindHypothesesByPairs(const MotionProblem& problem,
+                                         const BaselineLengths& lengths,
+                                         const Context& context) {
+  return ForEachStep(problem, context.num_threads, [&](int earlier, int later) {
+    const FramePair* frames = problem.index.Find(earlier, later);
+    return frames == nullptr ? StepHypotheses()
+                             : MotionsOfPairs(problem, &lengths, *frames);
+  });
 }
 
-SequenceHypotheses FindHypothesesWithDepths(const MotionProblem& problem,
-                                            const Context& context) {
-  SequenceHypotheses hypotheses = FindHypothesesByDepth(problem, context);
-  const auto& sensors = problem.depths.cam_from_rig;
-  const auto lengths = MeasureLengths(problem, context);
-  const SequenceHypotheses with_lengths =
-      FindHypothesesByPairs(problem, sensors, lengths, PairDistance::kMeasured);
-  const SequenceHypotheses of_pairs =
-      FindHypothesesByPairs(problem, sensors, lengths, PairDistance::kFree);
-  const auto& sequences = problem.index.order()->sequences();
-  for (size_t s = 0; s < hypotheses.size(); ++s) {
-    ParallelFor(hypotheses[s].size(), context.num_threads, [&](size_t k) {
-      StepHypotheses& step = hypotheses[s][k];
-      ReplaceByPairs(problem, sequences[s][k], sequences[s][k + 1],
-                     with_lengths[s][k], &step);
-      step.insert(step.end(), of_pairs[s][k].begin(), of_pairs[s][k].end());
-    });
-  }
-  return hypotheses;
+SequenceHypotheses FindHypothesesByDepths(const MotionProblem& problem,
+                                          const Context& context) {
+  const BaselineLengths lengths = MeasureLengths(problem, context);
+  return ForEachStep(problem, context.num_threads, [&](int earlier, int later) {
+    StepHypotheses step;
+    if (const FramePair* frames = problem.matches_index.Find(earlier, later)) {
+      step = FindRigMotions(
+          problem.MatchesOf(earlier, *frames),
+          kDepthErrorFactor * problem.max_error_px,
+          Random(context.random_seed, static_cast<uint64_t>(earlier)));
+    }
+    const FramePair* frames = problem.index.Find(earlier, later);
+    if (frames == nullptr) return step;
+    ReplaceByPairs(problem, earlier, later,
+                   MotionsOfPairs(problem, &lengths, *frames), &step);
+    const StepHypotheses free = MotionsOfPairs(problem, nullptr, *frames);
+    step.insert(step.end(), free.begin(), free.end());
+    return step;
+  });
 }
 
 }  // namespace mgsfm

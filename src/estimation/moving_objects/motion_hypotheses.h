@@ -10,7 +10,7 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "moving_objects/frame_depths.h"
-#include "moving_objects/motion_continuity.h"
+#include "moving_objects/motion_candidates.h"
 #include "moving_objects/rig_motions.h"
 #include "pair_filtering/frame_pair_index.h"
 
@@ -76,18 +76,15 @@ using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
 
 // Motions that correspondences with depth support, and those of pairs of equal
 // sensors whose places in the rig are known, without distances.
-[[nodiscard]] SequenceHypotheses FindHypothesesWithDepths(
+[[nodiscard]] SequenceHypotheses FindHypothesesByDepths(
     const MotionProblem& problem, const Context& context);
 
-// Motions of pairs of equal sensors. `sensor_from_rig` may lack translations if
-// the rig turns little. With measured distances, they have the lengths of their
-// baselines, and pairs without a length are left out. Free distances are
-// unknown, but a length tells whether the pair has a baseline at all.
-enum class PairDistance { kMeasured, kFree };
+// Per pair; nullopt if it is unknown.
+using BaselineLengths = std::vector<std::optional<BaselineLength>>;
+
+// Motions of pairs of equal sensors with these lengths of their baselines.
 [[nodiscard]] SequenceHypotheses FindHypothesesByPairs(
-    const MotionProblem& problem,
-    const std::vector<std::optional<Rigid3>>& sensor_from_rig,
-    const std::vector<std::optional<BaselineLength>>& lengths,
-    PairDistance distance);
+    const MotionProblem& problem, const BaselineLengths& lengths,
+    const Context& context);
 
 }  // namespace mgsfm

@@ -62,10 +62,8 @@ CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
       depths.cam_from_rig[scene.images[images.to].sensor_idx];
   CameraPoints points;
   if (!cam_from_rig || !source_from_rig) return points;
-  const Camera& camera = scene.cameras[scene.images[images.to].camera_idx];
   points.cam_from_unit = *cam_from_rig;
-  points.max_error_rad =
-      max_error_px / PixelsPerRadian(camera.model, camera.params.data());
+  points.max_error_rad = ErrorRad(scene, images.to, max_error_px);
   const Rigid3 rig_from_source = source_from_rig->Inverse();
   for (const Match& match : pair.matches) {
     int source = static_cast<int>(match.keypoint_idx1);
@@ -150,16 +148,16 @@ void KeepRays(const Rigid3& unit_from_world, double bound, bool keep_agreeing,
 
 // Per motion: the points that agree with it and with no other.
 std::vector<std::vector<Vector3d>> FindOwnPoints(
-    const Correspondences& all, const std::vector<RigMotion>& motions) {
+    const Correspondences& all, const StepHypotheses& motions) {
   std::vector<Vector3d> points;
   for (const CameraPoints& camera : all.cameras) {
     points.insert(points.end(), camera.points.begin(), camera.points.end());
   }
   std::vector<int> num_agreeing(points.size(), 0);
   std::vector<Mask> agree;
-  for (const RigMotion& motion : motions) {
+  for (const MotionHypothesis& motion : motions) {
     const std::vector<double> errors = AbsolutePoseErrors(
-        all.cameras, all.ToMotion(motion.measured.later_from_earlier));
+        all.cameras, all.ToMotion(motion.later_from_earlier));
     agree.emplace_back(points.size(), false);
     for (size_t k = 0; k < points.size(); ++k) {
       agree.back()[k] = errors[k] <= 1.0;
@@ -201,7 +199,7 @@ double ReachOf(const std::vector<Vector3d>& points) {
                    MedianDistance(points, MedianOfCoordinates(points)));
 }
 
-void MeasureReach(const Correspondences& all, std::vector<RigMotion>* motions) {
+void MeasureReach(const Correspondences& all, StepHypotheses* motions) {
   if (motions->size() < 2) return;
   const auto own_points = FindOwnPoints(all, *motions);
   for (size_t h = 0; h < motions->size(); ++h) {
@@ -242,13 +240,18 @@ bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
 
 }  // namespace
 
-std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
-                                      double max_error_px, Random random) {
+double ErrorRad(const Scene& scene, int image_idx, double error_px) {
+  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
+  return error_px / PixelsPerRadian(camera.model, camera.params.data());
+}
+
+StepHypotheses FindRigMotions(const FrameMatches& matches, double max_error_px,
+                              Random random) {
   const Correspondences all = CollectMost(matches, max_error_px);
   const auto num_all = static_cast<double>(CountRays(all.cameras));
   RansacOptions ransac;
   ransac.max_num_trials = kMaxNumTrials;
-  std::vector<RigMotion> motions;
+  StepHypotheses motions;
   std::vector<CameraPoints> remaining = all.cameras;
   while (motions.size() < kMaxNumMotions &&
          static_cast<double>(CountRays(remaining)) >=

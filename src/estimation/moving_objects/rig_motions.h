@@ -9,7 +9,7 @@
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
-#include "moving_objects/motion_continuity.h"
+#include "moving_objects/motion_candidates.h"
 
 namespace mgsfm {
 
@@ -57,6 +57,26 @@ struct FrameDepths {
   }
 };
 
+// The angle of an error at the center of an image.
+[[nodiscard]] double ErrorRad(const Scene& scene, int image_idx,
+                              double error_px);
+
+// Calls function(match, ray1, ray2) for all matches of a pair with rays.
+template <typename Function>
+void ForEachRays(const Bearings& bearings, const ImagePair& pair,
+                 const Function& function) {
+  for (const Match& match : pair.matches) {
+    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
+    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
+    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
+        !bearings.HasRay(pair.image_idx2, keypoint2)) {
+      continue;
+    }
+    function(match, bearings.Ray(pair.image_idx1, keypoint1),
+             bearings.Ray(pair.image_idx2, keypoint2));
+  }
+}
+
 // The matches of the image pairs of two frames.
 struct FrameMatches {
   const Scene& scene;
@@ -67,23 +87,10 @@ struct FrameMatches {
   const std::vector<size_t>& pair_idxs;  // not empty
 };
 
-struct RigMotion {
-  MeasuredMotion measured;  // rig frames
-  // Shares of the correspondences with depth: those that agree, and those that
-  // agree with this motion but with none found before it.
-  double share = 0.0;
-  double own_share = 0.0;
-  // Distance and spread of the points that agree with this motion only, in the
-  // unit of the depths: the geometric mean of their median distances from the
-  // rig and from their coordinate-wise median. nullopt if there is no other
-  // motion, or if there are too few points or all coincide.
-  std::optional<double> reach = {};
-};
-
-// Returns at most three motions, and none without depths.
-[[nodiscard]] std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
-                                                    double max_error_px,
-                                                    Random random);
+// Returns at most three motions, and none without depths. Their shares are
+// those of the correspondences with depth.
+[[nodiscard]] StepHypotheses FindRigMotions(const FrameMatches& matches,
+                                            double max_error_px, Random random);
 
 // The motion near `later_from_earlier` that the correspondences support, by
 // robust least squares within a bound that shrinks to max_error_px. nullopt if
