@@ -85,9 +85,6 @@ struct MotionExclusion {
   // The share that contradicts the second motion, of the matches that agree
   // with the first one.
   double unexplained = 0.0;
-  // The number of matches that agree with the second motion only, less the
-  // number that agree with the first one only.
-  std::ptrdiff_t balance = 0;
 };
 // Motions exclude each other from this share on. A rival also explains as many
 // matches, and others than those before.

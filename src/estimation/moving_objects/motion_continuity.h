@@ -72,9 +72,6 @@ struct RigPath {
   std::vector<std::optional<Place>> of_frame;
   // Per frame: hypotheses disagree about a step from or to it.
   Mask is_contested;
-  // Per frame: the step to it has no hypothesis that was chosen, or one without
-  // a distance.
-  Mask is_interpolated;
   // Per frame: the steps before it in its sequence without a hypothesis that
   // was chosen.
   std::vector<int> num_unknown;
