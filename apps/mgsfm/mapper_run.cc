@@ -5,13 +5,13 @@
 #include <set>
 #include <utility>
 
+#include "bundle_adjustment/covariance_report.h"
 #include "command.h"
 #include "database/image_list.h"
 #include "files/output_file.h"
 #include "files/staged_output.h"
 #include "fixed_region_masks.h"
 #include "live_view.h"
-#include "mapper/covariance_report.h"
 #include "mapper/run_summary.h"
 #include "memory_limit.h"
 #include "mgsfm/base/error.h"

@@ -5,7 +5,9 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/input_check/finding.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
@@ -21,12 +23,17 @@ std::vector<Finding> CheckTrustedFocalLengths(const Scene& scene,
                                               const ViewGraph& view_graph,
                                               const Context& context);
 
-// Whether the estimate of a model, as a logarithm of its ratio to the known
-// focal length, confirms a doubt of the check above: it exceeds half of the
-// bound in the same direction.
-bool ContradictsFocalLength(const Finding& doubt, double log_factor);
-
 // Names of the sensors that use a camera.
 std::vector<std::string> SensorsOfCamera(const Scene& scene, int camera_idx);
+
+// Few pairs, little motion and pairs on vehicles can mislead this check. Keeps
+// the doubts that a model confirms: bundle adjustment with free focal lengths
+// moves them in the direction of the doubt by more than half of its bound.
+// Doubts about cameras without a model remain. Cost: one bundle adjustment if
+// there are doubts, otherwise none.
+std::vector<Finding> ConfirmedFocalLengthDoubts(
+    const Scene& scene, const Reconstruction& model,
+    const BundleAdjustmentOptions& options, const Context& context,
+    std::vector<Finding> doubts);
 
 }  // namespace mgsfm

@@ -15,9 +15,7 @@
 #include "input_check/kept_matches.h"
 #include "input_check/rig_checks.h"
 #include "input_check/rig_samples.h"
-#include "mapper/focal_length_doubts.h"
 #include "mapper/run_summary.h"
-#include "mapper/shared_calibration.h"
 #include "mapper/weak_seams.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -343,9 +341,12 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
          &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
   if (causes.empty()) {  // otherwise pairs do not measure focal lengths
-    causes = ConfirmedFocalLengthDoubts(
-        scene, result->models, options.bundle_adjustment, context,
-        CheckTrustedFocalLengths(scene, pairs.matches(), context));
+    causes = CheckTrustedFocalLengths(scene, pairs.matches(), context);
+    if (!result->models.empty()) {
+      causes = ConfirmedFocalLengthDoubts(
+          scene, result->models.front().reconstruction,
+          options.bundle_adjustment, context, std::move(causes));
+    }
   }
   for (const MapperModel& model : result->models) {
     if (!model.delays || !model.delays->AreCertain()) continue;
@@ -361,7 +362,12 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
                               options.view_graph.max_error_px, context);
   Append(CheckKnownRotations(scene, samples, kept_between), &causes);
   causes = WithoutSymptoms(causes);
-  Append(DescribeRigDifferences(scene, result->models), &causes);
+  for (size_t m = 0; m < result->models.size(); ++m) {
+    const MapperModel& model = result->models[m];
+    Append(DescribeRigDifferences(scene, m, model.reconstruction,
+                                  model.rig_differences),
+           &causes);
+  }
   std::vector<Finding> of_unit =
       CheckPositionUnit(scene, input.position_priors, *result);
   Append(of_unit.empty() ? CheckPositionPriors(input.position_priors, *result)

@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <utility>
 
+#include "georegistration/metric_scale.h"
 #include "input_check/known_rigs.h"
+#include "lenses/lens_calibration.h"
 #include "mapper/components.h"
 #include "mapper/input_check.h"
-#include "mapper/lens_calibration.h"
 #include "mapper/mapper_recipe.h"
-#include "mapper/metric_scale.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
 #include "mapper/stage.h"
@@ -19,6 +19,7 @@
 #include "mgsfm/base/mask.h"
 #include "moving_objects/moving_objects.h"
 #include "pair_filtering/frame_pair_index.h"
+#include "registration/frame_addition.h"
 #include "rotation_averaging/rotation_estimation.h"
 #include "translation_averaging/position_estimation.h"
 
@@ -190,9 +191,8 @@ std::vector<MapperModel> MapComponents(const Run& run, const Measured& measured,
   for (size_t k = 0; k < num_frames.size(); ++k) {
     if (num_frames[k] < options.min_num_frames) continue;
     for (; num_learned < models.size(); ++num_learned) {
-      measured.calibration->Learn(models[num_learned],
-                                  run.input.position_priors,
-                                  options.bundle_adjustment, run.context);
+      PassOn(models[num_learned], run.input.position_priors, options,
+             run.context, measured.calibration);
     }
     run.context.Info("component " + std::to_string(k) + ": " +
                      std::to_string(num_frames[k]) + " frames");
@@ -277,7 +277,7 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
                      lenses, of_round, context_of_round});
   };
   MapperResult result =
-      NeedsLenses(input.scene, options)
+      NeedsLenses(input.scene, options.focal_lengths)
           ? MapWithUnknownLenses(input, map, options, context)
           : map(input.scene, input.view_graph, {}, options, context);
   AddUncertainFocalLengths(input.scene, &result);
