@@ -99,6 +99,11 @@ bool HasLength(const std::optional<SensorPosePrior>& prior) {
   return prior && !prior->sqrt_information.rightCols<3>().isZero(0.0);
 }
 
+bool HasLength(const CalibrationPrior& prior) {
+  return std::any_of(prior.sensors.begin(), prior.sensors.end(),
+                     [](const auto& sensor) { return HasLength(sensor); });
+}
+
 // The probability that four times F of four and nine degrees of freedom
 // exceeds `value`: more than that of three coordinates.
 double ChanceOf(double value) {
@@ -146,10 +151,10 @@ void SharedCalibration::Learn(const Reconstruction& model,
   BundlePriors priors;
   priors.positions = positions;
   priors.calibration = PriorFor(FramesWith(model.rig_from_world));
-  const EstimatedRig rig = EstimateRig(
-      scene_, model,
-      ComputeCovariances(scene_, model, options, context, priors), delays,
-      options, nullptr);
+  const EstimatedRig rig =
+      EstimateRig(scene_, model,
+                  ComputeCovariances(scene_, model, options, context, priors),
+                  delays, options, nullptr);
   const bool shares_unit = SharesUnit(priors.calibration);
   has_unit_ = true;
   for (size_t i = 0; i < sensors_.size(); ++i) {
@@ -220,17 +225,15 @@ std::vector<RigDifference> SharedCalibration::FindDifferences(
   return compare(estimate_delays());
 }
 
-bool HasLength(const CalibrationPrior& prior) {
-  return std::any_of(prior.sensors.begin(), prior.sensors.end(),
-                     [](const auto& sensor) { return HasLength(sensor); });
-}
-
-Scene WithKnownSensors(Scene scene, const CalibrationPrior& prior) {
+std::optional<Scene> WithKnownSensors(const Scene& scene,
+                                      const CalibrationPrior& prior) {
+  std::optional<Scene> with_rig;
   for (size_t i = 0; i < prior.sensors.size(); ++i) {
     if (!HasLength(prior.sensors[i])) continue;
-    scene.sensors[i].sensor_from_rig = prior.sensors[i]->sensor_from_rig;
+    if (!with_rig) with_rig = scene;
+    with_rig->sensors[i].sensor_from_rig = prior.sensors[i]->sensor_from_rig;
   }
-  return scene;
+  return with_rig;
 }
 
 void StartAtPrior(const CalibrationPrior& prior, Reconstruction* model) {

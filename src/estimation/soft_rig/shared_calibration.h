@@ -79,12 +79,11 @@ Mask FramesWith(const std::vector<std::optional<Pose>>& poses) {
   return has_frame;
 }
 
-// Whether a prior determines the unit of length.
-bool HasLength(const CalibrationPrior& prior);
-
 // The scene with the sensors whose baselines the prior determines as known
-// ones, for the estimation of positions.
-Scene WithKnownSensors(Scene scene, const CalibrationPrior& prior);
+// ones, for the estimation of positions. nullopt if it determines none, and so
+// no unit of length.
+std::optional<Scene> WithKnownSensors(const Scene& scene,
+                                      const CalibrationPrior& prior);
 
 // Scales an initial model to the unit of length of the prior, and gives it the
 // rig of the prior.

@@ -28,10 +28,13 @@ MapperOptions OptionsOfRounds(MapperOptions options) {
 
 }  // namespace
 
-MapperResult MapWithUnknownLenses(const MapperInput& input,
-                                  const SceneMapper& map_scene,
-                                  const MapperOptions& options,
-                                  const Context& context) {
+MapperResult MapWithLenses(const MapperInput& input,
+                           const SceneMapper& map_scene,
+                           const MapperOptions& options,
+                           const Context& context) {
+  if (!NeedsLenses(input.scene, options.focal_lengths)) {
+    return map_scene(input.scene, input.view_graph, {}, options, context);
+  }
   Scene scene = input.scene;
   scene.cameras = WithoutExif(std::move(scene.cameras));
   std::vector<StageTime> times;
