@@ -49,11 +49,10 @@ struct Measured {
 
 // ------------------------------------------- 3. Rotations, 4. Moving objects
 
-EstimatedRotations AverageAllRotations(const Run& run,
-                                       const ViewGraph& view_graph,
-                                       const FramePairIndex& index,
-                                       const PairVerdicts& verdicts,
-                                       std::vector<StageTime>* times) {
+EstimatedRotations AverageAll(const Run& run, const ViewGraph& view_graph,
+                              const FramePairIndex& index,
+                              const PairVerdicts& verdicts,
+                              std::vector<StageTime>* times) {
   const RunningStage stage("rotation averaging", run.context);
   EstimatedRotations rotations = EstimateRotations(
       {run.scene, view_graph, index, run.input.gravity_priors, verdicts},
@@ -174,13 +173,13 @@ void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
   const FramePairIndex index(run.scene, pairs->view_graph,
                              run.options.pair_filtering.is_sequence);
   EstimatedRotations rotations =
-      AverageAllRotations(run, pairs->view_graph, index, {}, &result->times);
+      AverageAll(run, pairs->view_graph, index, {}, &result->times);
   const MotionOfScene motion =
       RemoveMovingObjects(index, rotations.estimate, run.options, run.context,
                           pairs, &result->times);
   if (!motion.verdicts.empty()) {
-    rotations = AverageAllRotations(run, pairs->view_graph, index,
-                                    motion.verdicts, &result->times);
+    rotations = AverageAll(run, pairs->view_graph, index, motion.verdicts,
+                           &result->times);
   }
   SharedCalibration calibration(run.scene, run.lenses);
   const Measured measured{
