@@ -15,7 +15,6 @@
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
-#include "mgsfm/base/mask.h"
 #include "moving_objects/motion_candidates.h"
 
 namespace mgsfm {
@@ -49,40 +48,34 @@ constexpr double kRefinementLossScale = 0.5;
 // The same depth within a factor of 1.5, however certain both are.
 const double kLogDepthTolerance = std::log(1.5);
 
-// One image pair, from the image with the points to that with the rays.
-struct DirectedPair {
-  int from = 0, to = 0;
-  bool is_reversed = false;  // `from` is the second image
-};
-
-// The points and rays of one pair.
+// The points of the keypoints of image 1 of a pair and their rays in image 2,
+// or vice versa.
 CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
-                               const DirectedPair& images,
-                               double max_error_px) {
+                               bool is_reversed, double max_error_px) {
   const Scene& scene = input.scene;
   const FrameDepths& depths = input.depths;
+  const int from = is_reversed ? pair.image_idx2 : pair.image_idx1;
+  const int to = is_reversed ? pair.image_idx1 : pair.image_idx2;
   const auto& source_from_rig =
-      depths.cam_from_rig[scene.images[images.from].sensor_idx];
-  const auto& cam_from_rig =
-      depths.cam_from_rig[scene.images[images.to].sensor_idx];
+      depths.cam_from_rig[scene.images[from].sensor_idx];
+  const auto& cam_from_rig = depths.cam_from_rig[scene.images[to].sensor_idx];
   CameraPoints points;
   if (!cam_from_rig || !source_from_rig) return points;
   points.cam_from_unit = *cam_from_rig;
-  points.max_error_rad = ErrorRad(scene, images.to, max_error_px);
+  points.max_error_rad = ErrorRad(scene, to, max_error_px);
   const Rigid3 rig_from_source = source_from_rig->Inverse();
   for (const Match& match : pair.matches) {
     int source = static_cast<int>(match.keypoint_idx1);
     int target = static_cast<int>(match.keypoint_idx2);
-    if (images.is_reversed) std::swap(source, target);
-    if (!depths.IsKnown(images.from, source) ||
-        !input.bearings.HasRay(images.to, target)) {
+    if (is_reversed) std::swap(source, target);
+    if (!depths.IsKnown(from, source) || !input.bearings.HasRay(to, target)) {
       continue;
     }
-    const Vector3d in_source = *depths.distances[images.from][source] *
-                               input.bearings.Ray(images.from, source);
+    const Vector3d in_source =
+        *depths.distances[from][source] * input.bearings.Ray(from, source);
     points.points.push_back(rig_from_source * in_source);
-    points.rays.push_back(input.bearings.Ray(images.to, target));
-    points.depth_sigmas.emplace_back(depths.RelativeSigma(images.from, source) *
+    points.rays.push_back(input.bearings.Ray(to, target));
+    points.depth_sigmas.emplace_back(depths.RelativeSigma(from, source) *
                                      (rig_from_source.rotation * in_source));
   }
   return points;
@@ -113,10 +106,8 @@ Correspondences Collect(const FrameMatches& input, bool has_later_points,
     const bool is_first_earlier =
         input.scene.images[pair.image_idx1].frame_idx ==
         input.earlier_frame_idx;
-    DirectedPair images{pair.image_idx1, pair.image_idx2,
-                        is_first_earlier == has_later_points};
-    if (images.is_reversed) std::swap(images.from, images.to);
-    CameraPoints points = CorrespondencesOf(input, pair, images, max_error_px);
+    CameraPoints points = CorrespondencesOf(
+        input, pair, is_first_earlier == has_later_points, max_error_px);
     if (points.size() > 0) collected.cameras.push_back(std::move(points));
   }
   return collected;
@@ -151,33 +142,6 @@ void KeepRays(const Rigid3& unit_from_world, double bound, bool keep_agreeing,
   }
 }
 
-// Per motion: the points that agree with it and with no other.
-std::vector<std::vector<Vector3d>> FindOwnPoints(
-    const Correspondences& all, const StepHypotheses& motions) {
-  std::vector<Vector3d> points;
-  for (const CameraPoints& camera : all.cameras) {
-    points.insert(points.end(), camera.points.begin(), camera.points.end());
-  }
-  std::vector<int> num_agreeing(points.size(), 0);
-  std::vector<Mask> agree;
-  for (const MotionHypothesis& motion : motions) {
-    const std::vector<double> errors = AbsolutePoseErrors(
-        all.cameras, all.ToMotion(motion.later_from_earlier));
-    agree.emplace_back(points.size(), false);
-    for (size_t k = 0; k < points.size(); ++k) {
-      agree.back()[k] = errors[k] <= 1.0;
-      num_agreeing[k] += agree.back()[k] ? 1 : 0;
-    }
-  }
-  std::vector<std::vector<Vector3d>> own(motions.size());
-  for (size_t h = 0; h < motions.size(); ++h) {
-    for (size_t k = 0; k < points.size(); ++k) {
-      if (agree[h][k] && num_agreeing[k] == 1) own[h].push_back(points[k]);
-    }
-  }
-  return own;
-}
-
 // The motion of a pose, with the noise that the median error of its inliers
 // tells.
 MeasuredMotion MeasureMotion(const Correspondences& all, const Rigid3& pose) {
@@ -199,17 +163,30 @@ double MedianDistance(const std::vector<Vector3d>& points,
   return Median(std::move(distances));
 }
 
-double ReachOf(const std::vector<Vector3d>& points) {
-  return std::sqrt(MedianDistance(points, Vector3d::Zero()) *
-                   MedianDistance(points, MedianOfCoordinates(points)));
-}
-
+// By the points that agree with a motion and with no other.
 void MeasureReach(const Correspondences& all, StepHypotheses* motions) {
   if (motions->size() < 2) return;
-  const auto own_points = FindOwnPoints(all, *motions);
+  std::vector<Vector3d> points;
+  for (const CameraPoints& camera : all.cameras) {
+    points.insert(points.end(), camera.points.begin(), camera.points.end());
+  }
+  std::vector<std::vector<double>> errors;
+  for (const MotionHypothesis& motion : *motions) {
+    errors.push_back(AbsolutePoseErrors(
+        all.cameras, all.ToMotion(motion.later_from_earlier)));
+  }
   for (size_t h = 0; h < motions->size(); ++h) {
-    if (own_points[h].size() < kMinNumAgreeing) continue;
-    const double reach = ReachOf(own_points[h]);
+    std::vector<Vector3d> own;
+    for (size_t k = 0; k < points.size(); ++k) {
+      const auto num_agreeing = std::count_if(
+          errors.begin(), errors.end(),
+          [k](const auto& errors_of) { return errors_of[k] <= 1.0; });
+      if (errors[h][k] <= 1.0 && num_agreeing == 1) own.push_back(points[k]);
+    }
+    if (own.size() < kMinNumAgreeing) continue;
+    const double reach =
+        std::sqrt(MedianDistance(own, Vector3d::Zero()) *
+                  MedianDistance(own, MedianOfCoordinates(own)));
     if (reach > 0.0) (*motions)[h].reach = reach;
   }
 }
