@@ -23,11 +23,12 @@ estimation/tracks: base math geometry scene pair_filtering
 estimation/translation_averaging: base math geometry scene rig_solver pair_filtering
 estimation/moving_objects: base math geometry scene pair_filtering view_graph translation_averaging
 estimation/seams: base math geometry scene pair_filtering
-estimation/registration: base math geometry scene
 estimation/bundle_adjustment: base math geometry scene rig_solver
+estimation/registration: base math geometry scene bundle_adjustment
+estimation/lenses: base math geometry scene view_graph bundle_adjustment
 estimation/soft_rig: base math geometry scene rig_solver bundle_adjustment
-estimation/input_check: base math geometry scene view_graph rotation_averaging tracks soft_rig
-mapper/mapper: base math geometry scene rig_solver pair_filtering view_graph georegistration rotation_averaging tracks translation_averaging moving_objects seams registration bundle_adjustment soft_rig input_check
+estimation/input_check: base math geometry scene view_graph rotation_averaging tracks bundle_adjustment soft_rig
+mapper/mapper: base math geometry scene rig_solver pair_filtering view_graph georegistration rotation_averaging tracks translation_averaging moving_objects seams registration bundle_adjustment lenses soft_rig input_check
 io/files: base
 io/database: base math geometry scene files
 io/hloc: base math geometry scene files database

@@ -6,11 +6,11 @@
 
 #include "base/format.h"
 #include "base/grouped_warnings.h"
+#include "bundle_adjustment/covariance_report.h"
 #include "command.h"
 #include "commands.h"
 #include "files/file_operations.h"
 #include "files/staged_output.h"
-#include "mapper/covariance_report.h"
 #include "math/statistics.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"

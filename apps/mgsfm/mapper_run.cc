@@ -9,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "bundle_adjustment/covariance_report.h"
 #include "command.h"
 #include "database/database_reader.h"
 #include "files/file_operations.h"
@@ -16,7 +17,6 @@
 #include "files/model_files.h"
 #include "files/staged_output.h"
 #include "live_view.h"
-#include "mapper/covariance_report.h"
 #include "mapper/run_summary.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "allocations/result_bytes.h"
-#include "mapper/covariance_report.h"
+#include "bundle_adjustment/covariance_report.h"
 #include "mapper/run_summary.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/mapper/report.h"

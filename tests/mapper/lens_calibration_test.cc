@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Cameras without calibration: the lens is found with the model.
-#include "mapper/lens_calibration.h"
+#include "lenses/lens_calibration.h"
 
 #include <gtest/gtest.h>
 

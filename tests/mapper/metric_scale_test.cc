@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/metric_scale.h"
+#include "georegistration/metric_scale.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

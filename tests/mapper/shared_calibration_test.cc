@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/shared_calibration.h"
+#include "soft_rig/shared_calibration.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/side_alignment.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +6,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "mapper/weak_seams.h"
 #include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {

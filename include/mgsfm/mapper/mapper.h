@@ -16,6 +16,7 @@
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "mgsfm/input_check/finding.h"
 #include "mgsfm/input_check/kept_matches.h"
+#include "mgsfm/lenses/lenses.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/registration/model_extension.h"
 #include "mgsfm/rotation_averaging/rotation_averaging.h"
@@ -25,6 +26,7 @@
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/seams/confidence.h"
 #include "mgsfm/soft_rig/rig_delays.h"
+#include "mgsfm/soft_rig/rig_difference.h"
 #include "mgsfm/soft_rig/soft_rig.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "mgsfm/translation_averaging/translation_averaging.h"
@@ -121,15 +123,6 @@ struct MapperOptions {
   }
 };
 
-// A sensor whose pose in a model contradicts that in a larger one.
-struct RigDifference {
-  int sensor_idx = 0;
-  double rotation_deg = 0.0;
-  double sigma_rotation_deg = 0.0;      // of the difference, about its axis
-  std::optional<double> distance = {};  // nullopt: no length is determined
-  double sigma_distance = 0.0;          // along the difference
-};
-
 struct MapperModel {
   Reconstruction reconstruction;    // positions are those of the whole scene
   int num_frames_in_component = 0;  // before translation averaging
@@ -167,47 +160,6 @@ struct UnregisteredFrame {
   auto Fields() const {
     return Named("frame_id", As<Item::kFrameId>(frame_idx), "name",
                  As<Item::kFrameName>(frame_idx), "reason", reason);
-  }
-};
-
-// The source of the focal length of a camera.
-enum class LensSource {
-  kGiven,       // a calibration
-  kGuess,       // feature extraction, without knowledge
-  kExif,        // the file of an image
-  kPairs,       // the epipolar geometry of image pairs
-  kAdjustment,  // bundle adjustment, and its images determine it
-};
-
-template <>
-struct EnumTable<LensSource> {
-  static constexpr std::pair<std::string_view, LensSource> kNames[] = {
-      {"given", LensSource::kGiven},
-      {"guess", LensSource::kGuess},
-      {"EXIF", LensSource::kExif},
-      {"pairs", LensSource::kPairs},
-      {"adjustment", LensSource::kAdjustment}};
-};
-
-// The model of a lens without calibration.
-struct LensChoice {
-  int camera_idx = 0;
-  CameraModelId model = CameraModelId::kSimpleRadial;
-  std::string reason = {};  // empty if the model was given
-  LensSource start = LensSource::kGuess;
-
-  auto Fields() const {
-    return Named("camera_id", As<Item::kCameraId>(camera_idx), "model", model,
-                 "reason", reason);
-  }
-};
-
-struct LensSummary {
-  int num_rounds = 0;  // maps before the last one, with lenses that changed
-  std::vector<LensChoice> lenses;
-
-  auto Fields() const {
-    return Named("num_rounds", num_rounds, "cameras", lenses);
   }
 };
 

@@ -368,4 +368,41 @@ std::vector<Finding> FindSwappedCameras(
   return findings;
 }
 
+std::vector<Finding> DescribeRigDifferences(
+    const Scene& scene, size_t model_idx, const Reconstruction& model,
+    const std::vector<RigDifference>& differences) {
+  std::vector<std::string> frames;  // the first and the last one
+  for (size_t f = 0; f < model.rig_from_world.size(); ++f) {
+    if (!model.rig_from_world[f]) continue;
+    frames.resize(std::min<size_t>(frames.size() + 1, 2));
+    frames.back() = scene.frames[f].name;
+  }
+  const std::string name = "model " + std::to_string(model_idx);
+  std::vector<Finding> findings;
+  for (const RigDifference& d : differences) {
+    const std::string& camera = scene.sensors[d.sensor_idx].name;
+    std::string size =
+        Formatted("%.3g +- %.2g deg", d.rotation_deg, d.sigma_rotation_deg);
+    if (d.distance) {
+      size += Formatted(" and %.3g +- %.2g units of length", *d.distance,
+                        d.sigma_distance);
+    }
+    findings.push_back(
+        {Cause::kRigDiffers,
+         {camera},
+         frames,
+         {{"model", static_cast<double>(model_idx)},
+          {"rotation_deg", d.rotation_deg},
+          {"sigma_rotation_deg", d.sigma_rotation_deg},
+          {"distance", d.distance.value_or(0.0)},
+          {"sigma_distance", d.sigma_distance}},
+         "the pose of camera '" + camera + "' in the rig of " + name +
+             " differs from that in a larger model by " + size + ", so that " +
+             name + " has a rig of its own",
+         "check whether the rig changed, and whether the images of the model "
+         "match rightly"});
+  }
+  return findings;
+}
+
 }  // namespace mgsfm

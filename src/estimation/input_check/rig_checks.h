@@ -7,8 +7,10 @@
 #include "input_check/rig_samples.h"
 #include "mgsfm/input_check/finding.h"
 #include "mgsfm/input_check/kept_matches.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/soft_rig/rig_delays.h"
+#include "mgsfm/soft_rig/rig_difference.h"
 
 namespace mgsfm {
 
@@ -55,5 +57,11 @@ std::vector<Finding> CheckKnownRotations(
 // (kSwappedCameras): their samples agree with the inverse of the typical pose.
 std::vector<Finding> FindSwappedCameras(
     const Scene& scene, const std::vector<SensorPairSamples>& pairs);
+
+// Sensors whose poses in a model contradict the rig of a larger one
+// (kRigDiffers).
+std::vector<Finding> DescribeRigDifferences(
+    const Scene& scene, size_t model_idx, const Reconstruction& model,
+    const std::vector<RigDifference>& differences);
 
 }  // namespace mgsfm

@@ -4,18 +4,20 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "mgsfm/geometry/camera_models.h"
+#include "moving_objects/frame_depths.h"
 
 namespace mgsfm {
 namespace {
+
+using Eigen::Vector3d;
 
 constexpr int kNumColumns = FixedRegions::kNumColumns;
 constexpr int kNumRows = FixedRegions::kNumRows;
@@ -46,26 +48,26 @@ bool IsOfOneSensor(const Scene& scene, const ImagePair& pair) {
 
 double ToleranceRad(const Scene& scene, const ImagePair& pair,
                     double max_error_px) {
-  const Camera& camera = CameraOf(scene, pair.image_idx1);
-  return max_error_px / PixelsPerRadian(camera.model, camera.params.data());
+  return ErrorRad(scene, pair.image_idx1, max_error_px);
 }
 
 // Per pair of frames: whether a pair of images of one sensor turns.
 Mask FindTurning(const Scene& scene, const FramePairIndex& index,
                  const ViewGraph& view_graph, double max_error_px) {
-  Mask turns(index.frame_pairs().size(), false);
-  for (size_t f = 0; f < turns.size(); ++f) {
-    if (!index.frame_pairs()[f].IsBetweenFrames()) continue;
-    for (const size_t i : index.frame_pairs()[f].pair_idxs) {
-      const ImagePair& pair = view_graph.pairs[i];
-      if (!pair.relative_pose || !IsOfOneSensor(scene, pair)) continue;
-      turns[f] =
-          turns[f] || AngleBetween(pair.relative_pose->cam2_from_cam1,
-                                   Eigen::Quaterniond::Identity()) >
-                          kMinVisible * ToleranceRad(scene, pair, max_error_px);
-    }
+  const auto turns = [&](size_t pair_idx) {
+    const ImagePair& pair = view_graph.pairs[pair_idx];
+    return pair.relative_pose && IsOfOneSensor(scene, pair) &&
+           AngleBetween(pair.relative_pose->cam2_from_cam1,
+                        Eigen::Quaterniond::Identity()) >
+               kMinVisible * ToleranceRad(scene, pair, max_error_px);
+  };
+  Mask turning;
+  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+    turning.push_back(
+        frames.IsBetweenFrames() &&
+        std::any_of(frames.pair_idxs.begin(), frames.pair_idxs.end(), turns));
   }
-  return turns;
+  return turning;
 }
 
 // The frames next to one in its sequence, and itself.
@@ -97,9 +99,9 @@ bool Turns(const FramePairIndex& index, const Mask& turns,
 struct MatchParallax {
   double sine, lever1, lever2;
 
-  MatchParallax(const RelativePose& pose, const Eigen::Vector3d& ray1,
-                const Eigen::Vector3d& ray2) {
-    const Eigen::Vector3d turned = pose.cam2_from_cam1 * ray1;
+  MatchParallax(const RelativePose& pose, const Vector3d& ray1,
+                const Vector3d& ray2) {
+    const Vector3d turned = pose.cam2_from_cam1 * ray1;
     sine = ray2.cross(turned).norm();
     lever1 = turned.cross(*pose.translation_direction).norm();
     lever2 = ray2.cross(*pose.translation_direction).norm();
@@ -144,98 +146,64 @@ std::vector<Nearness> MeasureInverseDistances(const Scene& scene,
     const ImagePair& pair = *partners[i];
     const double tolerance_rad = ToleranceRad(scene, pair, max_error_px);
     const bool is_first = pair.image_idx1 == static_cast<int>(i);
-    for (const Match& match : pair.matches) {
-      if (!bearings.HasRay(pair.image_idx1, match.keypoint_idx1) ||
-          !bearings.HasRay(pair.image_idx2, match.keypoint_idx2)) {
-        continue;
-      }
-      const MatchParallax parallax(
-          *pair.relative_pose,
-          bearings.Ray(pair.image_idx1, match.keypoint_idx1),
-          bearings.Ray(pair.image_idx2, match.keypoint_idx2));
-      if (parallax.sine < kMinVisible * tolerance_rad) continue;
-      nearness[i][is_first ? match.keypoint_idx1 : match.keypoint_idx2] =
-          parallax.sine / (is_first ? parallax.lever2 : parallax.lever1);
-    }
+    ForEachRays(
+        bearings, pair,
+        [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
+          const MatchParallax parallax(*pair.relative_pose, ray1, ray2);
+          if (parallax.sine < kMinVisible * tolerance_rad) return;
+          nearness[i][is_first ? match.keypoint_idx1 : match.keypoint_idx2] =
+              parallax.sine / (is_first ? parallax.lever2 : parallax.lever1);
+        });
   }
   return nearness;
 }
 
-// The matches of a pair of images of one sensor that tell whether their
-// keypoints move along with the rig.
-class RayComparison {
- public:
-  enum class Kind { kMoves, kFixed, kUnknown };
-  struct Vote {
-    int keypoint_idx1, keypoint_idx2;
-    Kind kind;
-  };
-
-  RayComparison(const Scene& scene, const Bearings& bearings,
-                const ImagePair& pair, double max_error_px)
-      : bearings_(bearings),
-        pair_(pair),
-        tolerance_rad_(ToleranceRad(scene, pair, max_error_px)) {}
-
-  // A point at infinity would move, so that all matches tell.
-  std::vector<Vote> WhereRigTurns() const {
-    std::vector<Vote> votes;
-    for (const Match& match : pair_.matches) {
-      if (const auto vote = Compare(match)) votes.push_back(*vote);
-    }
-    return votes;
-  }
-
-  // Points that move show how far the rig went. A point that does not is fixed
-  // to the rig if it is so near that it would move visibly at rest.
-  std::vector<Vote> WhereRigAdvances(const Nearness& nearness1) const {
-    const auto& pose = pair_.relative_pose;
-    if (!pose || !pose->translation_direction) return {};
-    std::vector<Vote> votes = WhereRigTurns();
-    std::vector<double> lengths;
-    for (const Vote& vote : votes) {
-      const auto& near = nearness1[vote.keypoint_idx1];
-      if (vote.kind == Kind::kFixed || !near) continue;
-      const MatchParallax parallax = ParallaxOf(vote);
-      lengths.push_back(parallax.sine / parallax.lever2 / *near);
-    }
-    if (lengths.empty()) return {};
-    const double length = Median(std::move(lengths));
-    for (Vote& vote : votes) {
-      const auto& near = nearness1[vote.keypoint_idx1];
-      const double sine_at_rest =
-          near ? length * *near * ParallaxOf(vote).lever2 : 0.0;
-      if (vote.kind == Kind::kFixed &&
-          sine_at_rest < kMinVisible * tolerance_rad_) {
-        vote.kind = Kind::kUnknown;
-      }
-    }
-    return votes;
-  }
-
- private:
-  std::optional<Vote> Compare(const Match& match) const {
-    const auto k1 = static_cast<int>(match.keypoint_idx1);
-    const auto k2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings_.HasRay(pair_.image_idx1, k1) ||
-        !bearings_.HasRay(pair_.image_idx2, k2)) {
-      return std::nullopt;
-    }
-    const bool is_fixed = IsRotationInlier(
-        Eigen::Quaterniond::Identity(), bearings_.Ray(pair_.image_idx1, k1),
-        bearings_.Ray(pair_.image_idx2, k2), tolerance_rad_);
-    return Vote{k1, k2, is_fixed ? Kind::kFixed : Kind::kMoves};
-  }
-  MatchParallax ParallaxOf(const Vote& vote) const {
-    return {*pair_.relative_pose,
-            bearings_.Ray(pair_.image_idx1, vote.keypoint_idx1),
-            bearings_.Ray(pair_.image_idx2, vote.keypoint_idx2)};
-  }
-
-  const Bearings& bearings_;
-  const ImagePair& pair_;
-  const double tolerance_rad_;
+// Whether the keypoints of a match move along with the rig.
+enum class Kind { kMoves, kFixed, kUnknown };
+struct MatchVote {
+  int keypoint_idx1, keypoint_idx2;
+  Kind kind;
 };
+
+// Compares the rays of a pair of images of one sensor. Where the rig turns, a
+// point at infinity would move, so that all matches tell. Where it advances,
+// points that move and whose nearness is known show how far; a point that does
+// not is fixed to the rig if it is so near that it would move visibly at rest.
+std::vector<MatchVote> CompareRays(const Bearings& bearings,
+                                   const ImagePair& pair, double tolerance_rad,
+                                   const Nearness* nearness1) {
+  const auto& pose = pair.relative_pose;
+  if (nearness1 && !(pose && pose->translation_direction)) return {};
+  std::vector<MatchVote> votes;
+  std::vector<double> lengths;     // of the baseline
+  std::vector<double> unit_sines;  // per vote: of its parallax, at length 1
+  ForEachRays(
+      bearings, pair,
+      [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
+        const bool is_fixed = IsRotationInlier(Eigen::Quaterniond::Identity(),
+                                               ray1, ray2, tolerance_rad);
+        votes.push_back({static_cast<int>(match.keypoint_idx1),
+                         static_cast<int>(match.keypoint_idx2),
+                         is_fixed ? Kind::kFixed : Kind::kMoves});
+        if (!nearness1) return;
+        const auto& near = (*nearness1)[match.keypoint_idx1];
+        const MatchParallax parallax(*pose, ray1, ray2);
+        unit_sines.push_back(near ? *near * parallax.lever2 : 0.0);
+        if (!is_fixed && near) {
+          lengths.push_back(parallax.sine / parallax.lever2 / *near);
+        }
+      });
+  if (!nearness1) return votes;
+  if (lengths.empty()) return {};
+  const double length = Median(std::move(lengths));
+  for (size_t i = 0; i < votes.size(); ++i) {
+    if (votes[i].kind == Kind::kFixed &&
+        length * unit_sines[i] < kMinVisible * tolerance_rad) {
+      votes[i].kind = Kind::kUnknown;
+    }
+  }
+  return votes;
+}
 
 // Adds the vote of a pair to those of each cell of its sensor. Points of which
 // it is unknown are no evidence for a region, and may be fixed.
@@ -244,15 +212,14 @@ struct Votes {
   std::vector<int> num_all = num_fixed;
 
   void Add(const Scene& scene, const ImagePair& pair,
-           const std::vector<RayComparison::Vote>& votes) {
-    using Kind = RayComparison::Kind;
+           const std::vector<MatchVote>& votes) {
     std::vector<std::array<int, 3>> counts(num_all.size(), {0, 0, 0});
     const auto add = [&](int image_idx, int keypoint_idx, Kind kind) {
       ++counts[CellOf(CameraOf(scene, image_idx),
                       scene.images[image_idx].keypoints_px[keypoint_idx])]
               [static_cast<size_t>(kind)];
     };
-    for (const RayComparison::Vote& vote : votes) {
+    for (const MatchVote& vote : votes) {
       add(pair.image_idx1, vote.keypoint_idx1, vote.kind);
       add(pair.image_idx2, vote.keypoint_idx2, vote.kind);
     }
@@ -325,15 +292,11 @@ FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
     for (const size_t i : frames.pair_idxs) {
       const ImagePair& pair = view_graph.pairs[i];
       if (!IsOfOneSensor(scene, pair)) continue;
-      const RayComparison comparison(scene, bearings, pair, max_error_px);
       const int sensor_idx = scene.images[pair.image_idx1].sensor_idx;
-      if (do_turn) {
-        turning[sensor_idx].Add(scene, pair, comparison.WhereRigTurns());
-      } else {
-        advancing[sensor_idx].Add(
-            scene, pair,
-            comparison.WhereRigAdvances(nearness[pair.image_idx1]));
-      }
+      (do_turn ? turning : advancing)[sensor_idx].Add(
+          scene, pair,
+          CompareRays(bearings, pair, ToleranceRad(scene, pair, max_error_px),
+                      do_turn ? nullptr : &nearness[pair.image_idx1]));
     }
   }
   FixedRegions regions;
@@ -362,10 +325,10 @@ ViewGraph DropFixedRegions(const Scene& scene, const FixedRegions& regions,
   for (size_t s = 0; s < scene.sensors.size(); ++s) {
     const double fraction = regions.FractionOf(static_cast<int>(s));
     if (fraction == 0.0) continue;
-    char percent[16];
-    std::snprintf(percent, sizeof(percent), "%.0f %%", 100.0 * fraction);
-    context.Info("camera '" + scene.sensors[s].name + "': " + percent +
-                 " of its images shows objects that move along with the rig");
+    context.Info("camera '" + scene.sensors[s].name +
+                 Formatted("': %.0f %% of its images shows objects that move "
+                           "along with the rig",
+                           100.0 * fraction));
   }
   context.Info(std::to_string(num_dropped) +
                " matches of objects that move along with the rig are not "

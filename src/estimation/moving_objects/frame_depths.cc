@@ -65,15 +65,10 @@ std::vector<SensorPair> FindSensorPairs(const MotionInput& input) {
   return sensor_pairs;
 }
 
-double PixelsPerRadianOf(const Scene& scene, int image_idx) {
-  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
-  return PixelsPerRadian(camera.model, camera.params.data());
-}
-
 // The standard deviation of the angle between the rays of a match.
 double RayNoiseRad(const Scene& scene, const ImagePair& pair, double noise_px) {
-  return std::hypot(noise_px / PixelsPerRadianOf(scene, pair.image_idx1),
-                    noise_px / PixelsPerRadianOf(scene, pair.image_idx2));
+  return std::hypot(ErrorRad(scene, pair.image_idx1, noise_px),
+                    ErrorRad(scene, pair.image_idx2, noise_px));
 }
 
 // The matches of all frames, as if one pair of images had them.
@@ -86,18 +81,12 @@ RayMatches PoolMatches(const Scene& scene, const Bearings& bearings,
   size_t num_seen = 0;
   for (const ImagePair* pair : sensor_pair.pairs) {
     const bool is_swapped = IsSwapped(scene, *pair);
-    for (const Match& match : pair->matches) {
-      const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-      const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-      if (num_seen++ % stride != 0 ||
-          !bearings.HasRay(pair->image_idx1, keypoint1) ||
-          !bearings.HasRay(pair->image_idx2, keypoint2)) {
-        continue;
-      }
-      const Vector3d& ray1 = bearings.Ray(pair->image_idx1, keypoint1);
-      const Vector3d& ray2 = bearings.Ray(pair->image_idx2, keypoint2);
-      pooled.Add(is_swapped ? ray2 : ray1, is_swapped ? ray1 : ray2);
-    }
+    ForEachRays(bearings, *pair,
+                [&](const Match&, const Vector3d& ray1, const Vector3d& ray2) {
+                  if (num_seen++ % stride != 0) return;
+                  pooled.Add(is_swapped ? ray2 : ray1,
+                             is_swapped ? ray1 : ray2);
+                });
   }
   return pooled;
 }
@@ -198,22 +187,6 @@ std::optional<Intersection> Intersect(const Rigid3& cam2_from_cam1,
   }
   return Intersection{
       {t.cross(ray2).norm() / sine, t.cross(turned).norm() / sine}, sine};
-}
-
-// Calls function(match, ray1, ray2) for all matches of a pair with rays.
-template <typename Function>
-void ForEachRays(const Bearings& bearings, const ImagePair& pair,
-                 const Function& function) {
-  for (const Match& match : pair.matches) {
-    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
-        !bearings.HasRay(pair.image_idx2, keypoint2)) {
-      continue;
-    }
-    function(match, bearings.Ray(pair.image_idx1, keypoint1),
-             bearings.Ray(pair.image_idx2, keypoint2));
-  }
 }
 
 // Calls function(match, intersection) for all matches of a pair that intersect.
@@ -336,85 +309,11 @@ void AddDepths(const MotionInput& input, const ImagePair& pair, double min_sine,
       });
 }
 
-// The parallax of one ray by a baseline of length 1, and the measured one.
-struct Parallax {
-  double by_unit_rad = 0.0;
-  double measured_rad = 0.0;
-
-  double Length() const { return measured_rad / by_unit_rad; }
-};
-
-// The length that minimizes the sum of the absolute errors of all parallaxes:
-// the median of their lengths, weighted by those of a unit baseline.
-double FitLength(std::vector<Parallax> parallaxes) {
-  std::sort(
-      parallaxes.begin(), parallaxes.end(),
-      [](const auto& a, const auto& b) { return a.Length() < b.Length(); });
-  double total = 0.0;
-  for (const Parallax& parallax : parallaxes) total += parallax.by_unit_rad;
-  double sum = 0.0;
-  for (const Parallax& parallax : parallaxes) {
-    sum += parallax.by_unit_rad;
-    if (sum >= 0.5 * total) return parallax.Length();
-  }
-  return parallaxes.back().Length();
-}
-
-// nullopt if a ray looks along the baseline.
-std::optional<Parallax> ParallaxOf(const Rigid3& b_from_a,
-                                   const Vector3d& ray_a, const Vector3d& ray_b,
-                                   double distance) {
-  const Vector3d turned = b_from_a.rotation * ray_a;
-  const Vector3d across =
-      b_from_a.translation - b_from_a.translation.dot(turned) * turned;
-  const double sine = across.norm();
-  if (!(sine > 0.0)) return std::nullopt;
-  return Parallax{sine / distance, (ray_b - turned).dot(across) / sine};
-}
-
 }  // namespace
 
-std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
-                                                    const Bearings& bearings,
-                                                    const ImagePair& pair,
-                                                    double noise_px,
-                                                    const FrameDepths& depths) {
-  const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
-                    *pair.relative_pose->translation_direction};
-  const double noise_rad = RayNoiseRad(scene, pair, noise_px);
-  std::vector<Parallax> parallaxes;
-  double information = 0.0, by_depths = 0.0;
-  const auto add = [&](int image, int keypoint, const Vector3d& ray,
-                       const Vector3d& other_ray, const Rigid3& other_from) {
-    if (!depths.IsKnown(image, keypoint)) return;
-    const auto parallax = ParallaxOf(other_from, ray, other_ray,
-                                     *depths.distances[image][keypoint]);
-    if (!parallax) return;
-    parallaxes.push_back(*parallax);
-    const double squared = parallax->by_unit_rad * parallax->by_unit_rad;
-    const double sigma = depths.RelativeSigma(image, keypoint);
-    information += squared;
-    by_depths += sigma * sigma * squared;
-  };
-  const Rigid3 inverse = pose.Inverse();
-  ForEachRays(
-      bearings, pair,
-      [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
-        add(pair.image_idx1, static_cast<int>(match.keypoint_idx1), ray1, ray2,
-            pose);
-        add(pair.image_idx2, static_cast<int>(match.keypoint_idx2), ray2, ray1,
-            inverse);
-      });
-  if (parallaxes.empty()) return std::nullopt;
-  const auto num_rays = static_cast<double>(parallaxes.size());
-  const double length = std::max(0.0, FitLength(std::move(parallaxes)));
-  // The variance of the median of normal errors is pi / 2 times that of the
-  // mean.
-  const double variance =
-      0.5 * M_PI *
-      (noise_rad * noise_rad + length * length * by_depths / num_rays) /
-      information;
-  return BaselineLength{length, std::sqrt(variance)};
+double ErrorRad(const Scene& scene, int image_idx, double error_px) {
+  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
+  return error_px / PixelsPerRadian(camera.model, camera.params.data());
 }
 
 FrameDepths MeasureFrameDepths(const MotionInput& input,

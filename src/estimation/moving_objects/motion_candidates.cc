@@ -30,6 +30,9 @@ constexpr double kMinTurnChange_rad = DegToRad(1.0);
 // objects that stay at a constant distance may be most, and a few are
 // mismatches.
 constexpr double kLongQuantile = 0.9;
+// Distances that are tried are this many standard deviations of the change of
+// velocity apart. The cost of the nearest one is too high by at most 0.16.
+constexpr double kDistanceSpacing = 0.8;
 // Bounds the cost where most measured distances are zero.
 constexpr double kMaxNumDistances = 200.0;
 // A rival goes on in a neighboring step within 95 % of the changes.
@@ -104,10 +107,6 @@ struct Disagreement {
   }
 };
 
-MeasuredMotion MotionOfHypothesis(const MotionHypothesis& h) {
-  return h.ClosestTo(h.later_from_earlier.Center());
-}
-
 // The hypothesis with the rotation closest to that of another.
 const MotionHypothesis& ClosestRotation(const StepHypotheses& step,
                                         const MotionHypothesis& other) {
@@ -131,9 +130,7 @@ void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
     const StepHypotheses by_depth = SortedByShare(step, true);
     const StepHypotheses free = SortedByShare(step, false);
     if (!by_depth.empty() && !free.empty()) {
-      of_depths.Add(free[0],
-                    MotionOfHypothesis(ClosestRotation(by_depth, free[0])),
-                    min_length);
+      of_depths.Add(free[0], ClosestRotation(by_depth, free[0]), min_length);
     }
     if (free.size() > 1) {
       of_pairs.Add(free[1],
@@ -159,8 +156,7 @@ void MeasureChanges(const std::vector<StepHypotheses>& measured,
       before.reset();
       continue;
     }
-    const Velocity velocity =
-        VelocityOf(MotionOfHypothesis(by_depth[0]), durations[k]);
+    const Velocity velocity = VelocityOf(by_depth[0], durations[k]);
     if (before) {
       linear.push_back(
           Excess(velocity.linear - before->linear,
@@ -243,8 +239,7 @@ void MeasureNearness(const MotionNoise& noise,
     for (const Candidate& rival : *by_depth) {
       if (!candidate.reach || !rival.reach ||
           rival.own_share < kContestingShare ||
-          AreEqualMotions(MotionOfHypothesis(candidate),
-                          MotionOfHypothesis(rival), noise)) {
+          AreEqualMotions(candidate, rival, noise)) {
         continue;
       }
       candidate.nearness = std::max(candidate.nearness,
@@ -256,13 +251,6 @@ void MeasureNearness(const MotionNoise& noise,
 // The free hypotheses, in groups that agree.
 std::vector<Candidate> GroupFree(const StepHypotheses& step,
                                  const MotionNoise& noise) {
-  StepHypotheses free;
-  for (const MotionHypothesis& h : step) {
-    if (h.free_direction) free.push_back(h);
-  }
-  std::stable_sort(free.begin(), free.end(), [](const auto& a, const auto& b) {
-    return a.share > b.share;
-  });
   const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
     const MeasuredMotion motion =
         a.ClosestTo(ForwardStep(a, noise.median_step));
@@ -270,7 +258,7 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
                            motion, noise);
   };
   std::vector<Candidate> groups;
-  for (const MotionHypothesis& h : free) {
+  for (const MotionHypothesis& h : SortedByShare(step, false)) {
     const auto group = std::find_if(groups.begin(), groups.end(),
                                     [&](const auto& g) { return agree(g, h); });
     if (group == groups.end()) {
@@ -287,8 +275,7 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
 // its distance and how near its points are.
 void Combine(const MotionNoise& noise, Candidate* by_depth,
              std::vector<Candidate>* groups) {
-  const MeasuredMotion motion = MotionOfHypothesis(*by_depth);
-  const Vector3d center = motion.later_from_earlier.Center();
+  const MeasuredMotion motion = *by_depth;
   double support = 0.0;
   const Candidate* strongest = nullptr;
   for (Candidate& group : *groups) {
@@ -305,16 +292,14 @@ void Combine(const MotionNoise& noise, Candidate* by_depth,
   }
   by_depth->share = 0.5 * (by_depth->share + std::min(support, 1.0));
   if (strongest == nullptr) return;
-  const MeasuredMotion by_pairs = strongest->ClosestTo(center);
   by_depth->by_depth = motion;
-  by_depth->later_from_earlier = by_pairs.later_from_earlier;
-  by_depth->rotation_covariance = by_pairs.rotation_covariance;
+  static_cast<MeasuredMotion&>(*by_depth) =
+      strongest->ClosestTo(motion.later_from_earlier.Center());
   // The variance of the distance is that of the depths.
   const Vector3d& direction = *strongest->free_direction;
-  by_depth->center_covariance =
-      by_pairs.center_covariance +
+  by_depth->center_covariance +=
       direction * VarianceAlong(motion.center_covariance, direction) *
-          direction.transpose();
+      direction.transpose();
 }
 
 // The hypotheses with a distance, and the groups of free ones.
@@ -344,20 +329,13 @@ const Candidate& Strongest(const std::vector<Candidate>& step) {
       [](const auto& a, const auto& b) { return a.share < b.share; });
 }
 
-MeasuredMotion MotionOfStep(const Steps& steps, size_t k,
-                            const Candidate& candidate) {
-  return candidate.ClosestTo(
-      ForwardStep(candidate, steps.durations[k] * steps.noise.median_step));
-}
-
 // A free distance is that of any motion of the step with a distance, unless the
 // matches contradict it: those with parallax exclude that an image pair shows
 // an object that keeps its distance. The motion that correspondences with depth
 // gave may be better than that of image pairs.
 std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
                                     const Candidate& candidate) {
-  std::vector<Rigid3> motions{
-      MotionOfStep(steps, k, candidate).later_from_earlier};
+  std::vector<Rigid3> motions{steps.MotionOf(k, candidate).later_from_earlier};
   if (candidate.by_depth) {
     motions.push_back(candidate.by_depth->later_from_earlier);
   }
@@ -389,7 +367,7 @@ bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
 
 bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
              const Candidate& strongest) {
-  const MeasuredMotion motion = MotionOfStep(steps, k, strongest);
+  const MeasuredMotion motion = steps.MotionOf(k, strongest);
   return candidate.own_share >= kContestingShare &&
          !AreEqualMotions(
              candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
@@ -434,6 +412,45 @@ std::vector<double> DistancesToTry(const Steps& steps, double duration) {
 }
 
 }  // namespace
+
+MeasuredMotion MotionHypothesis::ClosestTo(const Vector3d& center) const {
+  MeasuredMotion motion = *this;
+  if (!free_direction || free_direction->isZero(0.0)) return motion;
+  const Vector3d nearest = later_from_earlier.Center();
+  const double distance = std::max(0.0, free_direction->dot(center - nearest));
+  motion.later_from_earlier = Rigid3::FromRotationAndCenter(
+      later_from_earlier.rotation, nearest + distance * *free_direction);
+  motion.center_covariance *= distance * distance;
+  return motion;
+}
+
+MeasuredMotion MeasuredMotionOf(const Rigid3& pose,
+                                const Eigen::Matrix<double, 6, 6>& covariance,
+                                bool is_reversed) {
+  const Matrix3d inverse = pose.rotation.conjugate().toRotationMatrix();
+  const Matrix3d of_rotation = covariance.topLeftCorner<3, 3>();
+  if (is_reversed) {
+    return {pose.Inverse(), inverse * of_rotation * inverse.transpose(),
+            covariance.bottomRightCorner<3, 3>()};
+  }
+  // The center -R^T t changes by R^T (w x t - dt).
+  Eigen::Matrix<double, 3, 6> by_pose;
+  by_pose << CrossMatrix(pose.translation), Matrix3d::Identity();
+  by_pose = -inverse * by_pose;
+  return {pose, of_rotation, by_pose * covariance * by_pose.transpose()};
+}
+
+MeasuredMotion MeasuredMotion::Inverse() const {
+  const Matrix3d rotation = later_from_earlier.rotation.toRotationMatrix();
+  return {later_from_earlier.Inverse(),
+          rotation.transpose() * rotation_covariance * rotation,
+          rotation * center_covariance * rotation.transpose()};
+}
+
+MeasuredMotion Steps::MotionOf(size_t k, const Candidate& candidate) const {
+  return candidate.MotionAfter(
+      ForwardStep(candidate, durations[k] * noise.median_step));
+}
 
 Velocity VelocityOf(const MeasuredMotion& motion, double duration) {
   const double squared_duration = duration * duration;
@@ -530,7 +547,7 @@ bool HasRivals(const Steps& steps, size_t k) {
   const std::vector<Candidate>& step = steps.candidates[k];
   if (step.empty()) return false;
   const Candidate& strongest = Strongest(step);
-  const MeasuredMotion motion = MotionOfStep(steps, k, strongest);
+  const MeasuredMotion motion = steps.MotionOf(k, strongest);
   const Velocity velocity = VelocityOf(motion, steps.durations[k]);
   return std::any_of(step.begin(), step.end(), [&](const Candidate& candidate) {
     const Velocity rival =

@@ -7,11 +7,10 @@
 #include <vector>
 
 #include "mgsfm/geometry/rigid3.h"
-#include "moving_objects/motion_continuity.h"
 
 namespace mgsfm {
 
-// The motions among which the search (motion_search.h) chooses.
+// The motions among which the search (motion_continuity.h) chooses.
 //
 // Correspondences with depth measure the distance of a step, but turn it by up
 // to a degree where they are few. Image pairs of one camera measure the
@@ -19,6 +18,77 @@ namespace mgsfm {
 // group, whose motion is their mean, weighted by matches. A motion with depth
 // that a group agrees with has the rotation and direction of the group for the
 // comparison of velocities, and its own distance.
+
+// A motion, with the covariances of its rotation vector, in the later rig
+// frame, and of its center, in the earlier one.
+struct MeasuredMotion {
+  Rigid3 later_from_earlier;
+  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
+
+  [[nodiscard]] MeasuredMotion Inverse() const;
+};
+
+// The motion of a pose (R, t) of the later frame, or of the earlier one if it
+// is reversed, with the covariance of (w, dt): Exp(w) R, t + dt.
+[[nodiscard]] MeasuredMotion MeasuredMotionOf(
+    const Rigid3& pose, const Eigen::Matrix<double, 6, 6>& covariance,
+    bool is_reversed);
+
+// A motion of a step, between rig frames, by the noise of keypoints and depths.
+// The covariance of the center is that of `free_direction`, if there is one.
+struct MotionHypothesis : MeasuredMotion {
+  // Shares of the matches of the step: those that agree, and those that agree
+  // with no earlier hypothesis.
+  double share = 1.0;
+  double own_share = 1.0;
+  // One camera does not measure how far it moved: any non-negative multiple of
+  // this vector, in the earlier rig frame, may be added to the center of
+  // `later_from_earlier`. Zero: the camera saw no parallax.
+  std::optional<Eigen::Vector3d> free_direction = {};
+  // Distance and spread of the points that agree with this hypothesis only:
+  // the geometric mean of their median distances from the rig and from their
+  // coordinate-wise median. nullopt if there is no other motion, or if there
+  // are too few points or all coincide.
+  std::optional<double> reach = {};
+
+  // The motion of all multiples whose center is closest to `center`.
+  [[nodiscard]] MeasuredMotion ClosestTo(const Eigen::Vector3d& center) const;
+};
+using StepHypotheses = std::vector<MotionHypothesis>;
+
+// What the steps of one recording tell about their own errors and changes. A
+// wrong focal length, a rig that is not known well, or cameras that trigger
+// apart let depths and image pairs, or pairs of different cameras, disagree
+// about every step: then a disagreement is no evidence for an object. Low
+// quantiles over all steps, so that objects in most of them have no influence.
+// The covariances of the hypotheses are not part of them.
+struct MotionNoise {
+  double median_step = 0.0;
+  // Standard deviations, per axis, of the difference of two measurements of one
+  // step: of its rotation, and of its center relative to its length.
+  double rotation_rad = 0.0;
+  double relative_center = 0.0;
+  // And of the change of the velocity from one step to the next.
+  double turn_change_rad = 0.0;
+  double linear_change = 0.0;
+};
+
+// The evidence of the matches of two frames that two motions are not those of
+// one rigid scene. A motion that is measured badly, for lack of parallax or by
+// a wrong calibration, still agrees with the matches of the true one; that of
+// an object does not.
+struct MotionExclusion {
+  // The smaller of the shares that agree with one of the motions only, of the
+  // matches that agree with either.
+  double share = 0.0;
+  // The share that contradicts the second motion, of the matches that agree
+  // with the first one.
+  double unexplained = 0.0;
+};
+// Motions exclude each other from this share on. A rival also explains as many
+// matches, and others than those before.
+inline constexpr double kContestingShare = 0.15;
 
 // Per step, or per unit of time, with covariances.
 struct Velocity {
@@ -71,7 +141,8 @@ struct Steps {
   std::vector<double> durations;
   MotionNoise noise;
   double longest_step = 0.0;  // of those that are tried
-  // Compares two motions of step k (motion_continuity.h); may be empty.
+  // Compares two motions of step k. If empty, motions that differ exclude each
+  // other.
   std::function<MotionExclusion(size_t, const Rigid3&, const Rigid3&)> compare =
       {};
 
@@ -83,6 +154,8 @@ struct Steps {
     return VelocityOf(candidate.MotionAfter(durations[k] * linear),
                       durations[k]);
   }
+  // The motion of a candidate. A free one takes a step of the median length.
+  MeasuredMotion MotionOf(size_t k, const Candidate& candidate) const;
 };
 
 // The center of a step of some length in the direction of a hypothesis.
@@ -104,9 +177,6 @@ bool HasRivals(const Steps& steps, size_t k);
 // try.
 std::vector<Candidate> TryDistances(const Steps& steps, size_t k);
 
-// Distances that are tried are this many standard deviations of the change of
-// velocity apart. The cost of the nearest one is too high by at most 0.16.
-inline constexpr double kDistanceSpacing = 0.8;
 // Hypotheses agree within this share of the longer step, plus a share of the
 // median step, and within an angle.
 inline constexpr double kRelativeTolerance = 0.2;

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <cstddef>
 #include <functional>
 #include <optional>
 #include <vector>
 
 #include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/rigid3.h"
+#include "moving_objects/motion_candidates.h"
 #include "pair_filtering/temporal_order.h"
 
 namespace mgsfm {
@@ -43,7 +43,7 @@ namespace mgsfm {
 // to the previous one.
 //
 // Solver: dynamic programming over the hypotheses and a range of distances,
-// kDistanceSpacing apart (motion_search.h). Unknown distances of the solution
+// close enough together. Unknown distances of the solution
 // are interpolated between known ones. Cost: linear in the steps.
 //
 // Ambiguity. A rig that starts beside a vehicle which starts, too, moves as
@@ -53,63 +53,6 @@ namespace mgsfm {
 //
 // Limits. If the static scene is never seen next to an object, or not before
 // and after it, the object is the scene.
-
-// A motion, with the covariances of its rotation vector, in the later rig
-// frame, and of its center, in the earlier one.
-struct MeasuredMotion {
-  Rigid3 later_from_earlier;
-  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
-  Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
-
-  [[nodiscard]] MeasuredMotion Inverse() const;
-};
-
-struct MotionHypothesis {
-  Rigid3 later_from_earlier;  // rig frames
-  // Shares of the matches of the step: those that agree, and those that agree
-  // with no earlier hypothesis.
-  double share = 1.0;
-  double own_share = 1.0;
-  // One camera does not measure how far it moved: any non-negative multiple of
-  // this vector, in the earlier rig frame, may be added to the center of
-  // `later_from_earlier`. Zero: the camera saw no parallax.
-  std::optional<Eigen::Vector3d> free_direction = {};
-  // Distance and spread of the points that agree with this hypothesis only
-  // (rig_motions.h), if they are known.
-  std::optional<double> reach = {};
-  // Covariances, by the noise of keypoints and depths: of the rotation vector,
-  // in the later rig frame, and of the center, in the earlier one. The latter
-  // is that of `free_direction`, if there is one.
-  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
-  Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
-
-  // The motion of all multiples whose center is closest to `center`.
-  [[nodiscard]] MeasuredMotion ClosestTo(const Eigen::Vector3d& center) const;
-};
-using StepHypotheses = std::vector<MotionHypothesis>;
-
-// The motion of a pose (R, t) of the later frame, or of the earlier one if it
-// is reversed, with the covariance of (w, dt): Exp(w) R, t + dt.
-[[nodiscard]] MeasuredMotion MeasuredMotionOf(
-    const Rigid3& pose, const Eigen::Matrix<double, 6, 6>& covariance,
-    bool is_reversed);
-
-// What the steps of one recording tell about their own errors and changes. A
-// wrong focal length, a rig that is not known well, or cameras that trigger
-// apart let depths and image pairs, or pairs of different cameras, disagree
-// about every step: then a disagreement is no evidence for an object. Low
-// quantiles over all steps, so that objects in most of them have no influence.
-// The covariances of the hypotheses are not part of them.
-struct MotionNoise {
-  double median_step = 0.0;
-  // Standard deviations, per axis, of the difference of two measurements of one
-  // step: of its rotation, and of its center relative to its length.
-  double rotation_rad = 0.0;
-  double relative_center = 0.0;
-  // And of the change of the velocity from one step to the next.
-  double turn_change_rad = 0.0;
-  double linear_change = 0.0;
-};
 
 // Where a rig is along its motion. Frames of different stretches, or of none,
 // are not comparable.
@@ -129,9 +72,6 @@ struct RigPath {
   std::vector<std::optional<Place>> of_frame;
   // Per frame: hypotheses disagree about a step from or to it.
   Mask is_contested;
-  // Per frame: the step to it has no hypothesis that was chosen, or one without
-  // a distance.
-  Mask is_interpolated;
   // Per frame: the steps before it in its sequence without a hypothesis that
   // was chosen.
   std::vector<int> num_unknown;
@@ -160,34 +100,49 @@ struct RigPath {
   [[nodiscard]] MeasuredMotion MeasuredBetween(int earlier, int later) const;
 };
 
-// The evidence of the matches of two frames that two motions are not those of
-// one rigid scene. A motion that is measured badly, for lack of parallax or by
-// a wrong calibration, still agrees with the matches of the true one; that of
-// an object does not.
-struct MotionExclusion {
-  // The smaller of the shares that agree with one of the motions only, of the
-  // matches that agree with either.
-  double share = 0.0;
-  // The share that contradicts the second motion, of the matches that agree
-  // with the first one.
-  double unexplained = 0.0;
-  // The number of matches that agree with the second motion only, less the
-  // number that agree with the first one only.
-  std::ptrdiff_t balance = 0;
+// Chooses one motion per step, or none, by dynamic programming.
+//
+// The *margin* of a step is the rise of the total cost if another motion is
+// chosen there, which differs by more than kDistinct tolerances, and all other
+// steps are chosen anew. Costs are negative logarithms of probabilities, so
+// exp(-margin) is the ratio of the two probabilities. If no motion is chosen,
+// any motion is another one; without another motion, the margin is infinite.
+// The velocity of a free distance that is not tried depends on the steps
+// before, for which the margin is an approximation.
+//
+// Cost: the product of the numbers of candidates of two steps, for each step
+// and each step within kMaxNumSkipped before, once for the choice and once for
+// the margins.
+
+struct ChosenMotion {
+  Velocity velocity;
+  Candidate candidate;
+
+  bool HasDistance() const { return !candidate.free_direction.has_value(); }
 };
-// Motions exclude each other from this share on. A rival also explains as many
-// matches, and others than those before.
-inline constexpr double kContestingShare = 0.15;
+
+struct MotionChoice {
+  // Per step.
+  std::vector<std::optional<ChosenMotion>> motions;
+  std::vector<double> margins;
+
+  double cost = 0.0;  // of all steps
+};
+
+// Steps that are not doubtful must have a motion if they have candidates.
+[[nodiscard]] MotionChoice ChooseMotions(const Steps& steps,
+                                         const Mask& is_doubtful);
+
 using MotionComparison = std::function<MotionExclusion(
     int earlier_frame_idx, int later_frame_idx, const Rigid3& motion1,
     const Rigid3& motion2)>;
 
 // `hypotheses` has one item per step of each sequence of the order. Without
-// `compare`, motions that differ exclude each other. Steps
-// without a choice have the mean velocity of their neighbors. More than seven
-// of them, or fewer that take as long, begin another stretch, and so do
-// ambiguous ones and one far from any whose hypotheses disagree: nothing
-// suggests that its true motion was outvoted.
+// `compare`, motions that differ exclude each other. Steps without a choice
+// have the mean velocity of their neighbors. More than seven of them, or fewer
+// that take as long, begin another stretch, and so do ambiguous ones and one
+// far from any whose hypotheses disagree: nothing suggests that its true motion
+// was outvoted.
 [[nodiscard]] RigPath FindRigPath(
     const TemporalOrder& order, int num_frames,
     const std::vector<std::vector<StepHypotheses>>& hypotheses,

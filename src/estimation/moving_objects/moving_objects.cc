@@ -12,11 +12,8 @@
 #include "base/parallel.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "mgsfm/geometry/camera_models.h"
-#include "moving_objects/ambiguous_steps.h"
 #include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_continuity.h"
-#include "moving_objects/motion_hypotheses.h"
 #include "moving_objects/path_agreement.h"
 #include "moving_objects/rig_motions.h"
 #include "translation_averaging/baseline_directions.h"
@@ -39,56 +36,12 @@ constexpr int kMinNumPredicted = 8;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;
 
-// The lengths of baselines by scale averaging.
-struct AveragedLengths {
-  std::vector<std::optional<BaselineLength>> of_pair;  // nullopt if unknown
-  // Moves a keypoint of a point at the typical depth by the tolerance of
-  // matches: a pair without parallax can be as long.
-  double noise_displacement = 0.0;
-};
-
-// The angle that max_error_px spans, in the median of the images.
-double MedianToleranceRad(const Scene& scene, double max_error_px) {
-  std::vector<double> angles_rad;
-  for (const Image& image : scene.images) {
-    const Camera& camera = scene.cameras[image.camera_idx];
-    angles_rad.push_back(max_error_px /
-                         PixelsPerRadian(camera.model, camera.params.data()));
-  }
-  return Median(std::move(angles_rad));
-}
-
-AveragedLengths AverageLengths(const MotionProblem& problem,
-                               double min_parallax_deg,
-                               const Context& context) {
-  const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
-  Mask is_near(pairs.size(), false);
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    is_near[i] = problem.index.AreNeighbors(problem.index.Of(i)) &&
-                 pairs[i].relative_pose;
-  }
-  const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
-      {problem.scene, problem.bearings, problem.view_graph, is_near,
-       MakePositionProblem(problem.scene, problem.rotations)},
-      min_parallax_deg, context, PairRotation::kOwn);
-  const PairScales scales = AverageScales(
-      measured, static_cast<int>(problem.scene.images.size()), context);
-  AveragedLengths lengths;
-  lengths.noise_displacement =
-      scales.typical_depth *
-      MedianToleranceRad(problem.scene, problem.max_error_px);
-  lengths.of_pair.resize(pairs.size());
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    if (measured[i].kind == BaselineKind::kNoParallax) {
-      lengths.of_pair[i] = BaselineLength{0.0, lengths.noise_displacement};
-    }
-    const auto& scale = scales.pairs[i];
-    if (scale && scale->group == 0) {
-      lengths.of_pair[i] =
-          BaselineLength{scale->scale, scale->scale * scale->sigma_log};
-    }
-  }
-  return lengths;
+// A pair next to an object.
+bool IsContested(const MotionProblem& problem, const RigPath& path,
+                 size_t pair_idx) {
+  const FramePair& frames = problem.index.Of(pair_idx);
+  return path.is_contested[frames.frame_idx1] ||
+         path.is_contested[frames.frame_idx2];
 }
 
 // Per pair of frames, the motion from frame 1 to frame 2; nullopt unless the
@@ -98,7 +51,7 @@ using PlacedPairs = std::vector<std::optional<MeasuredMotion>>;
 // Motions are refined next to objects. Where no match measures a motion between
 // the frames, nothing is expected of their pairs.
 PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
-                        const Mask& is_near_object, const Context& context) {
+                        const Context& context) {
   const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
   PlacedPairs placed(frame_pairs.size());
   ParallelFor(placed.size(), context.num_threads, [&](size_t i) {
@@ -111,7 +64,7 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
     const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
     if (is_reversed) std::swap(earlier, later);
     std::optional<MeasuredMotion> refined;
-    if (is_near_object[earlier] || is_near_object[later]) {
+    if (path.is_contested[earlier] || path.is_contested[later]) {
       refined = RefineMotion(problem, path, earlier, later);
     }
     if (!refined && path.num_unknown[earlier] != path.num_unknown[later]) {
@@ -126,7 +79,9 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
 
 // Expects pairs only of sensors whose places in the rig are known.
 std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
-                                      const PlacedPairs& placed) {
+                                      const RigPath& path,
+                                      const Context& context) {
+  const PlacedPairs placed = PlaceFrames(problem, path, context);
   std::vector<ExpectedPair> expected;
   for (size_t f = 0; f < placed.size(); ++f) {
     if (!placed[f]) continue;
@@ -270,14 +225,10 @@ std::vector<ExpectedPair> VerifyPairs(
 // than a few of their matches.
 std::vector<ExpectedPair> SelectDoubtful(
     const MotionProblem& problem, const RigPath& path,
-    const Mask& is_near_object, const std::vector<ExpectedPair>& expected) {
+    const std::vector<ExpectedPair>& expected) {
   std::vector<ExpectedPair> near;
   for (const ExpectedPair& e : expected) {
-    const FramePair& frames = problem.index.Of(e.pair_idx);
-    if (is_near_object[frames.frame_idx1] ||
-        is_near_object[frames.frame_idx2]) {
-      near.push_back(e);
-    }
+    if (IsContested(problem, path, e.pair_idx)) near.push_back(e);
   }
   const MovingKeypoints moving(problem, near);
   std::vector<ExpectedPair> doubtful;
@@ -295,55 +246,17 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
-// Whether most matches of a pair whose depth is known agree with a motion.
-bool MostDepthsAgree(const MotionProblem& problem,
-                     const ExpectedPair& expected) {
-  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-  const double tolerance_rad = ToleranceOf(problem, expected);
-  size_t num_agreeing = 0, num_contradicting = 0;
-  for (const Match& match : pair.matches) {
-    switch (CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                              expected.cam2_from_cam1, tolerance_rad)) {
-      case MatchVerdict::kAgrees:
-        ++num_agreeing;
-        break;
-      case MatchVerdict::kContradicts:
-        ++num_contradicting;
-        break;
-      case MatchVerdict::kIsOnEpipolarLine:
-        break;
-    }
-  }
-  return num_agreeing > num_contradicting;
-}
-
-// Pairs that agree with the path by their poses, and by most of their matches
-// with depth, are not discontinuous.
-void KeepAgreeing(const MotionProblem& problem, const RigPath& path,
-                  const std::vector<ExpectedPair>& expected,
-                  Mask* pair_is_discontinuous) {
-  for (const ExpectedPair& e : expected) {
-    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
-    if ((*pair_is_discontinuous)[e.pair_idx] &&
-        AgreesWithPath(problem, path, pair, e) && MostDepthsAgree(problem, e)) {
-      (*pair_is_discontinuous)[e.pair_idx] = false;
-    }
-  }
-}
-
 // Where no match measures the motion of the rig between two frames, pairs of
 // which most matches are of keypoints that move elsewhere show an object.
-void RejectObjects(const MotionProblem& problem, const Mask& is_near_object,
+void RejectObjects(const MotionProblem& problem, const RigPath& path,
                    const std::vector<ExpectedPair>& expected,
                    Mask* pair_is_discontinuous) {
   const MovingKeypoints moving(problem, expected);
   Mask is_expected(pair_is_discontinuous->size(), false);
   for (const ExpectedPair& e : expected) is_expected[e.pair_idx] = true;
   for (size_t i = 0; i < is_expected.size(); ++i) {
-    const FramePair& frames = problem.index.Of(i);
-    if (is_expected[i] || !frames.IsBetweenFrames() ||
-        !(is_near_object[frames.frame_idx1] ||
-          is_near_object[frames.frame_idx2])) {
+    if (is_expected[i] || !problem.index.Of(i).IsBetweenFrames() ||
+        !IsContested(problem, path, i)) {
       continue;
     }
     const ImagePair& pair = problem.view_graph.pairs[i];
@@ -364,7 +277,7 @@ void RejectObjects(const MotionProblem& problem, const Mask& is_near_object,
 
 // The relative poses of pairs next to objects and of those within frames.
 std::vector<std::optional<Rigid3>> PosesNearObjects(
-    const MotionProblem& problem, const Mask& is_near_object,
+    const MotionProblem& problem, const RigPath& path,
     const std::vector<ExpectedPair>& expected) {
   std::vector<std::optional<Rigid3>> poses(problem.view_graph.pairs.size());
   for (size_t i = 0; i < poses.size(); ++i) {
@@ -373,9 +286,7 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
                               problem.index.Of(i).frame_idx1, {});
   }
   for (const ExpectedPair& e : expected) {
-    const FramePair& frames = problem.index.Of(e.pair_idx);
-    if (is_near_object[frames.frame_idx1] ||
-        is_near_object[frames.frame_idx2]) {
+    if (IsContested(problem, path, e.pair_idx)) {
       poses[e.pair_idx] = e.cam2_from_cam1;
     }
   }
@@ -386,18 +297,15 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
 MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                              const ViewGraphOptions& verification,
                              const Context& context) {
-  const Mask& is_near_object = path.is_contested;
-  if (!is_near_object.Any()) return {};
-  const PlacedPairs placed =
-      PlaceFrames(problem, path, is_near_object, context);
-  const std::vector<ExpectedPair> expected = ExpectPairs(problem, placed);
+  if (!path.is_contested.Any()) return {};
+  const std::vector<ExpectedPair> expected =
+      ExpectPairs(problem, path, context);
   const size_t num_pairs = problem.view_graph.pairs.size();
   MotionOfScene motion;
   motion.verdicts.resize(num_pairs);
   motion.pair_of_scene.resize(num_pairs);
-  motion.pair_on_path = PosesNearObjects(problem, is_near_object, expected);
-  std::vector<ExpectedPair> judged =
-      SelectDoubtful(problem, path, is_near_object, expected);
+  motion.pair_on_path = PosesNearObjects(problem, path, expected);
+  std::vector<ExpectedPair> judged = SelectDoubtful(problem, path, expected);
   Mask is_discontinuous(num_pairs, false);
   for (const ExpectedPair& e : judged) is_discontinuous[e.pair_idx] = true;
   ViewGraphOptions of_prediction = verification;
@@ -409,52 +317,31 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                          &motion.pair_of_scene);
   }
   for (const ExpectedPair& e : judged) is_discontinuous[e.pair_idx] = false;
-  KeepAgreeing(problem, path, expected, &is_discontinuous);
-  RejectObjects(problem, is_near_object, expected, &is_discontinuous);
+  RejectObjects(problem, path, expected, &is_discontinuous);
   Reject(is_discontinuous, RejectionReason::kDiscontinuousMotion,
          &motion.verdicts);
   return motion;
 }
 
-// Rejects the pairs whose own poses contradict the path.
+// Rejects the pairs of equal sensors next to objects whose own poses contradict
+// the path.
 MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
-                           const AveragedLengths& lengths) {
-  const size_t num_pairs = problem.view_graph.pairs.size();
-  Mask is_discontinuous(num_pairs, false);
-  for (size_t i = 0; i < num_pairs; ++i) {
-    const FramePair& frames = problem.index.Of(i);
-    const ImagePair& pair = problem.view_graph.pairs[i];
-    const Image& image1 = problem.scene.images[pair.image_idx1];
-    const Image& image2 = problem.scene.images[pair.image_idx2];
-    if (!frames.IsBetweenFrames() || !lengths.of_pair[i] ||
-        !problem.index.AreNeighbors(frames) ||
-        image1.sensor_idx != image2.sensor_idx ||
-        !path.IsComparable(image1.frame_idx, image2.frame_idx) ||
-        !(path.is_contested[image1.frame_idx] ||
-          path.is_contested[image2.frame_idx]) ||
-        path.num_unknown[image1.frame_idx] !=
-            path.num_unknown[image2.frame_idx]) {
-      continue;
-    }
-    const Rigid3 sensor_from_rig{
-        *problem.rotations.sensor_from_rig[image1.sensor_idx],
-        Vector3d::Zero()};
-    const int frame1 = image1.frame_idx, frame2 = image2.frame_idx;
-    const MeasuredMotion rig2_from_rig1 =
-        problem.index.order()->IsBefore(frame2, frame1)
-            ? path.MeasuredBetween(frame2, frame1).Inverse()
-            : path.MeasuredBetween(frame1, frame2);
-    is_discontinuous[i] = !AgreesWithPath(
-        problem, path, pair,
-        {i,
-         sensor_from_rig * rig2_from_rig1.later_from_earlier *
-             sensor_from_rig.Inverse(),
-         CovarianceOfExpected(sensor_from_rig.rotation, rig2_from_rig1)},
-        lengths.of_pair[i]);
+                           const BaselineLengths& lengths,
+                           const Context& context) {
+  if (!path.is_contested.Any()) return {};
+  Mask is_discontinuous(lengths.size(), false);
+  for (const ExpectedPair& e : ExpectPairs(problem, path, context)) {
+    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
+    const auto& length = lengths[e.pair_idx];
+    is_discontinuous[e.pair_idx] =
+        length && IsContested(problem, path, e.pair_idx) &&
+        problem.scene.images[pair.image_idx1].sensor_idx ==
+            problem.scene.images[pair.image_idx2].sensor_idx &&
+        !AgreesWithPath(problem, path, pair, e, length);
   }
   if (!is_discontinuous.Any()) return {};
   MotionOfScene motion;
-  motion.verdicts.resize(num_pairs);
+  motion.verdicts.resize(lengths.size());
   Reject(is_discontinuous, RejectionReason::kDiscontinuousMotion,
          &motion.verdicts);
   return motion;
@@ -471,36 +358,12 @@ void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
          &motion->verdicts);
 }
 
-RigPath FindPathByDepths(const MotionProblem& problem, const Context& context) {
-  return FindRigPath(
-      *problem.index.order(), problem.index.num_frames(),
-      FindHypothesesWithDepths(problem, context),
-      [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
-        return ExclusionOf(problem, earlier, later, a, b);
-      });
-}
-
-RigPath FindPathByPairs(const MotionProblem& problem,
-                        const AveragedLengths& lengths) {
-  std::vector<std::optional<Rigid3>> sensor_from_rig;
-  for (const auto& rotation : problem.rotations.sensor_from_rig) {
-    sensor_from_rig.emplace_back();
-    if (rotation) sensor_from_rig.back() = {*rotation, Vector3d::Zero()};
-  }
-  return FindRigPath(
-      *problem.index.order(), problem.index.num_frames(),
-      FindHypothesesByPairs(problem, sensor_from_rig, lengths.of_pair,
-                            PairDistance::kMeasured));
-}
-
 // The displacement that moves a keypoint by max_error_px, in the median.
 double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
                          double max_error_px) {
   std::vector<double> displacements;
   for (size_t i = 0; i < depths.distances.size(); ++i) {
-    const Camera& camera = scene.cameras[scene.images[i].camera_idx];
-    const double error_rad =
-        max_error_px / PixelsPerRadian(camera.model, camera.params.data());
+    const double error_rad = ErrorRad(scene, static_cast<int>(i), max_error_px);
     for (const auto& distance : depths.distances[i]) {
       if (distance) displacements.push_back(error_rad * *distance);
     }
@@ -508,43 +371,86 @@ double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
   return displacements.empty() ? 0.0 : Median(std::move(displacements));
 }
 
+MotionOfScene FindByDepths(MotionProblem problem,
+                           const ViewGraphOptions& verification,
+                           const Context& context, RigPath* path) {
+  problem.noise_displacement = NoiseDisplacement(problem.scene, problem.depths,
+                                                 verification.max_error_px);
+  *path = FindRigPath(
+      *problem.index.order(), problem.index.num_frames(),
+      FindHypothesesByDepths(problem, context),
+      [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
+        return ExclusionOf(problem, earlier, later, a, b);
+      });
+  return JudgeByMatches(problem, *path, verification, context);
+}
+
+// The lengths of baselines are by scale averaging. A pair without parallax can
+// be as long as the displacement that moves a keypoint of a point at the
+// typical depth by the tolerance of matches, in the median of the images.
+MotionOfScene FindByPairs(MotionProblem problem, double min_parallax_deg,
+                          const Context& context, RigPath* path) {
+  const Scene& scene = problem.scene;
+  const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
+  Mask is_near(pairs.size(), false);
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    is_near[i] = problem.index.AreNeighbors(problem.index.Of(i)) &&
+                 pairs[i].relative_pose;
+  }
+  const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
+      {scene, problem.bearings, problem.view_graph, is_near,
+       MakePositionProblem(scene, problem.rotations)},
+      min_parallax_deg, context, PairRotation::kOwn);
+  const PairScales scales =
+      AverageScales(measured, static_cast<int>(scene.images.size()), context);
+  std::vector<double> errors_rad;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    errors_rad.push_back(
+        ErrorRad(scene, static_cast<int>(i), problem.max_error_px));
+  }
+  problem.noise_displacement =
+      scales.typical_depth * Median(std::move(errors_rad));
+  BaselineLengths lengths(pairs.size());
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const auto& scale = scales.pairs[i];
+    if (scale && scale->group == 0) {
+      lengths[i] = {scale->scale, scale->scale * scale->sigma_log};
+    } else if (measured[i].kind == BaselineKind::kNoParallax) {
+      lengths[i] = {0.0, problem.noise_displacement};
+    }
+  }
+  *path = FindRigPath(*problem.index.order(), problem.index.num_frames(),
+                      FindHypothesesByPairs(problem, lengths, context));
+  return JudgeByPoses(problem, *path, lengths, context);
+}
+
 }  // namespace
 
 MotionOfScene FindMovingObjects(const MotionInput& input,
                                 const MotionOptions& options,
                                 const Context& context) {
-  const auto& [scene, bearings, index, view_graph, matches, rotations] = input;
   const auto& [min_parallax_deg, verification, filtering] = options;
-  const FrameDepths depths = MeasureFrameDepths(
+  FrameDepths depths = MeasureFrameDepths(
       input, {min_parallax_deg, kKeypointNoise * verification.max_error_px},
       context);
-  const FramePairIndex matches_index(scene, matches, SequenceMode::kYes);
-  const MotionProblem problem{
-      input,
-      matches_index,
-      depths,
-      verification.max_error_px,
-      filtering.max_relative_baseline_error,
-      NoiseDisplacement(scene, depths, verification.max_error_px)};
   const bool has_depths = std::any_of(
       depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
       [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
-  RigPath path;
-  MotionOfScene motion;
-  if (has_depths) {
-    path = FindPathByDepths(problem, context);
-    motion = JudgeByMatches(problem, RefinePath(problem, path), verification,
-                            context);
-  } else {
-    const AveragedLengths lengths =
-        AverageLengths(problem, min_parallax_deg, context);
-    MotionProblem with_lengths = problem;
-    with_lengths.noise_displacement = lengths.noise_displacement;
-    path = FindPathByPairs(with_lengths, lengths);
-    motion = JudgeByPoses(with_lengths, path, lengths);
+  for (size_t i = 0; i < depths.cam_from_rig.size() && !has_depths; ++i) {
+    const auto& rotation = input.rotations.sensor_from_rig[i];
+    if (rotation) depths.cam_from_rig[i] = {*rotation, Vector3d::Zero()};
   }
+  const FramePairIndex matches_index(input.scene, input.matches,
+                                     SequenceMode::kYes);
+  const MotionProblem problem{input, matches_index, depths,
+                              verification.max_error_px,
+                              filtering.max_relative_baseline_error};
+  RigPath path;
+  MotionOfScene motion =
+      has_depths ? FindByDepths(problem, verification, context, &path)
+                 : FindByPairs(problem, min_parallax_deg, context, &path);
   if (IsRuleOn(RejectionReason::kAmbiguousMotion, filtering)) {
-    RejectAmbiguous(index, path, &motion);
+    RejectAmbiguous(input.index, path, &motion);
   }
   return motion;
 }

@@ -5,11 +5,13 @@
 #include <cstddef>
 #include <optional>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/view_graph.h"
 #include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_continuity.h"
-#include "moving_objects/motion_hypotheses.h"
+#include "moving_objects/rig_motions.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
@@ -38,11 +40,6 @@ struct ExpectedPair {
     const MotionProblem& problem, size_t pair_idx, int frame_idx1,
     const MeasuredMotion& rig2_from_rig1);
 
-// The covariance of ExpectedPair by that of the motion from the rig of image 1
-// to the rig of image 2.
-[[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOfExpected(
-    const Eigen::Quaterniond& cam2_from_rig, const MeasuredMotion& motion);
-
 // Whether the relative pose of a pair agrees with the path. The length of its
 // baseline counts if it is known.
 [[nodiscard]] bool AgreesWithPath(
@@ -56,9 +53,16 @@ struct ExpectedPair {
 [[nodiscard]] std::optional<MeasuredMotion> RefineMotion(
     const MotionProblem& problem, const RigPath& path, int earlier, int later);
 
-// Refines the steps that are contested or interpolated. Matches that agree with
-// a refined step measure it.
-[[nodiscard]] RigPath RefinePath(const MotionProblem& problem,
-                                 const RigPath& path);
+// Steps next to objects at which the motion of the rig is unknown
+// (motion_continuity.h).
+struct AmbiguousSteps {
+  Mask pair_is_across;   // per pair of neighbors: its frames enclose a step
+  Mask frame_is_beside;  // per frame: a step leads from or to it
+};
+
+// All false if more than a tenth of all steps are ambiguous: the motions are
+// then in doubt as a whole. Cost: linear in the pairs and frames.
+[[nodiscard]] AmbiguousSteps FindAmbiguousSteps(const FramePairIndex& index,
+                                                const RigPath& path);
 
 }  // namespace mgsfm

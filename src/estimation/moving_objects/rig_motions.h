@@ -6,10 +6,14 @@
 #include <vector>
 
 #include "base/random.h"
+#include "mgsfm/base/context.h"
 #include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
-#include "moving_objects/motion_continuity.h"
+#include "moving_objects/frame_depths.h"
+#include "moving_objects/motion_candidates.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
@@ -36,27 +40,6 @@ namespace mgsfm {
 //
 // Cost: RANSAC on a few hundred correspondences per motion.
 
-// What pairs within frames tell about cameras and keypoints, in one unit of
-// length.
-struct FrameDepths {
-  // Per sensor; nullopt if no pair within a frame connects it with the others.
-  std::vector<std::optional<Rigid3>> cam_from_rig;
-  // Per image and keypoint: distance along the ray. Empty for images without.
-  std::vector<std::vector<std::optional<double>>> distances;
-  // Standard deviations of the distances, relative to them. Empty if they are
-  // exact.
-  std::vector<std::vector<double>> relative_sigmas;
-
-  bool IsKnown(int image_idx, int keypoint_idx) const {
-    return !distances[image_idx].empty() &&
-           distances[image_idx][keypoint_idx].has_value();
-  }
-  double RelativeSigma(int image_idx, int keypoint_idx) const {
-    return relative_sigmas.empty() ? 0.0
-                                   : relative_sigmas[image_idx][keypoint_idx];
-  }
-};
-
 // The matches of the image pairs of two frames.
 struct FrameMatches {
   const Scene& scene;
@@ -67,23 +50,10 @@ struct FrameMatches {
   const std::vector<size_t>& pair_idxs;  // not empty
 };
 
-struct RigMotion {
-  MeasuredMotion measured;  // rig frames
-  // Shares of the correspondences with depth: those that agree, and those that
-  // agree with this motion but with none found before it.
-  double share = 0.0;
-  double own_share = 0.0;
-  // Distance and spread of the points that agree with this motion only, in the
-  // unit of the depths: the geometric mean of their median distances from the
-  // rig and from their coordinate-wise median. nullopt if there is no other
-  // motion, or if there are too few points or all coincide.
-  std::optional<double> reach = {};
-};
-
-// Returns at most three motions, and none without depths.
-[[nodiscard]] std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
-                                                    double max_error_px,
-                                                    Random random);
+// Returns at most three motions, and none without depths. Their shares are
+// those of the correspondences with depth.
+[[nodiscard]] StepHypotheses FindRigMotions(const FrameMatches& matches,
+                                            double max_error_px, Random random);
 
 // The motion near `later_from_earlier` that the correspondences support, by
 // robust least squares within a bound that shrinks to max_error_px. nullopt if
@@ -105,5 +75,80 @@ enum class MatchVerdict {
 [[nodiscard]] MatchVerdict CompareWithMotion(
     const Bearings& bearings, const FrameDepths& depths, const ImagePair& pair,
     const Match& match, const Rigid3& cam2_from_cam1, double tolerance_rad);
+
+// Hypotheses for the motion of a rig between consecutive frames of a sequence.
+//
+// Matches of keypoints with depth determine a motion with its distance, but
+// where a vehicle fills the overlapping views, few of them show the static
+// scene. Single cameras that look elsewhere still see it. Their relative poses
+// have the right rotation and direction, without a distance.
+
+// The measurements, and the settings that all steps share.
+struct MotionProblem : MotionInput {
+  const FramePairIndex& matches_index;
+  const FrameDepths& depths;
+  double max_error_px;
+  double max_relative_baseline_error;
+  // The median displacement of the rig that moves a keypoint by max_error_px.
+  double noise_displacement = 0.0;
+
+  FrameMatches MatchesOf(int earlier,
+                         const FramePairIndex::FramePair& frames) const {
+    return {scene, bearings, matches, depths, earlier, frames.pair_idxs};
+  }
+};
+
+// The relative pose of a pair of `earlier_frame_idx` and another frame, given
+// the motion between them. nullopt unless the poses of its sensors in the rig
+// are known.
+[[nodiscard]] std::optional<Rigid3> RelativePoseBy(
+    const MotionProblem& problem, const ImagePair& pair, int earlier_frame_idx,
+    const Rigid3& later_from_earlier);
+
+// The bound of epipolar errors of a pair.
+[[nodiscard]] double ToleranceOf(const MotionProblem& problem,
+                                 const ImagePair& pair);
+
+// Compares two motions by all matches, since the matches of the static scene
+// are outliers of the pairs that a vehicle dominates, but only between images
+// of one sensor: matches of different sensors also show errors of their places
+// in the rig. Matches with depth, which tell a motion along epipolar lines, and
+// those without count apart.
+[[nodiscard]] MotionExclusion ExclusionOf(const MotionProblem& problem,
+                                          int earlier_frame_idx,
+                                          int later_frame_idx,
+                                          const Rigid3& motion1,
+                                          const Rigid3& motion2);
+
+// The covariance of the rotation vector and the direction of a relative pose
+// with a baseline, by the residuals of its matches.
+[[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOf(
+    const MotionProblem& problem, const ImagePair& pair);
+
+// The standard deviation of a keypoint, relative to the epipolar tolerance,
+// which thus includes 95 % of normal errors.
+inline constexpr double kKeypointNoise = 0.5;
+// Errors of depths add to those of keypoints.
+inline constexpr double kDepthErrorFactor = 2.0;
+
+// The hypotheses of each step of each sequence.
+using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
+
+// Motions that correspondences with depth support, and those of pairs of equal
+// sensors whose places in the rig are known, without distances.
+[[nodiscard]] SequenceHypotheses FindHypothesesByDepths(
+    const MotionProblem& problem, const Context& context);
+
+struct BaselineLength {
+  double value = 0.0;
+  double sigma = 0.0;
+};
+// Per pair; nullopt if it is unknown.
+using BaselineLengths = std::vector<std::optional<BaselineLength>>;
+
+// Motions of pairs of equal sensors with these lengths of their baselines.
+[[nodiscard]] SequenceHypotheses FindHypothesesByPairs(
+    const MotionProblem& problem, const BaselineLengths& lengths,
+    const Context& context);
 
 }  // namespace mgsfm

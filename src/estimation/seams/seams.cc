@@ -9,6 +9,7 @@
 
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "scene/point_lookup.h"
 #include "seams/frame_cuts.h"
 
 namespace mgsfm {
@@ -16,39 +17,17 @@ namespace {
 
 using FramePair = FramePairIndex::FramePair;
 
-// The point that observes each keypoint.
-class PointOfKeypoint {
- public:
-  PointOfKeypoint(const Scene& scene, const Reconstruction& reconstruction) {
-    for (const Image& image : scene.images) {
-      points_.emplace_back(image.keypoints_px.size());
-    }
-    for (size_t i = 0; i < reconstruction.points.size(); ++i) {
-      for (const Observation& o : reconstruction.points[i].track) {
-        points_[o.image_idx][o.keypoint_idx] = i;
-      }
-    }
-  }
-
-  int CountConfirmed(const ImagePair& pair) const {
-    return static_cast<int>(std::count_if(
-        pair.matches.begin(), pair.matches.end(), [&](const Match& match) {
-          const auto& point1 = points_[pair.image_idx1][match.keypoint_idx1];
-          return point1 &&
-                 point1 == points_[pair.image_idx2][match.keypoint_idx2];
-        }));
-  }
-
- private:
-  std::vector<std::vector<std::optional<size_t>>> points_;  // per image
-};
-
 // Per image pair.
 std::vector<int> CountConfirmed(const ConfidenceInput& input) {
-  const PointOfKeypoint points(input.scene, input.reconstruction);
+  const PointLookup points(input.scene, input.reconstruction);
   std::vector<int> num_confirmed;
   for (const ImagePair& pair : input.view_graph.pairs) {
-    num_confirmed.push_back(points.CountConfirmed(pair));
+    num_confirmed.push_back(static_cast<int>(std::count_if(
+        pair.matches.begin(), pair.matches.end(), [&](const Match& match) {
+          const auto point = points.Find(pair.image_idx1, match.keypoint_idx1);
+          return point &&
+                 point == points.Find(pair.image_idx2, match.keypoint_idx2);
+        })));
   }
   return num_confirmed;
 }

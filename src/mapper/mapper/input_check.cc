@@ -16,7 +16,6 @@
 #include "input_check/rig_checks.h"
 #include "input_check/rig_samples.h"
 #include "mapper/run_summary.h"
-#include "mapper/shared_calibration.h"
 #include "mapper/weak_seams.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -358,7 +357,12 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
                               options.view_graph.max_error_px, context);
   Append(CheckKnownRotations(scene, samples, kept_between), &causes);
   causes = WithoutSymptoms(causes);
-  Append(DescribeRigDifferences(scene, result->models), &causes);
+  for (size_t m = 0; m < result->models.size(); ++m) {
+    const MapperModel& model = result->models[m];
+    Append(DescribeRigDifferences(scene, m, model.reconstruction,
+                                  model.rig_differences),
+           &causes);
+  }
   std::vector<Finding> of_unit =
       CheckPositionUnit(scene, input.position_priors, *result);
   Append(of_unit.empty() ? CheckPositionPriors(input.position_priors, *result)

@@ -2,14 +2,14 @@
 #include "mgsfm/mapper/mapper.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
+#include "georegistration/metric_scale.h"
 #include "input_check/known_rigs.h"
 #include "mapper/components.h"
 #include "mapper/input_check.h"
-#include "mapper/lens_calibration.h"
 #include "mapper/mapper_recipe.h"
-#include "mapper/metric_scale.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
 #include "mapper/stage.h"
@@ -19,6 +19,7 @@
 #include "mgsfm/base/mask.h"
 #include "moving_objects/moving_objects.h"
 #include "pair_filtering/frame_pair_index.h"
+#include "registration/frame_addition.h"
 #include "rotation_averaging/rotation_estimation.h"
 #include "translation_averaging/position_estimation.h"
 
@@ -46,61 +47,19 @@ struct Measured {
   SharedCalibration* calibration;
 };
 
-// ---------------------------------------------------------------- 3. Rotations
+// ------------------------------------------- 3. Rotations, 4. Moving objects
 
-EstimatedRotations AverageAllRotations(const Run& run,
-                                       const RotationInput& input,
-                                       std::vector<StageTime>* times) {
+EstimatedRotations AverageAll(const Run& run, const ViewGraph& view_graph,
+                              const FramePairIndex& index,
+                              const PairVerdicts& verdicts,
+                              std::vector<StageTime>* times) {
   const RunningStage stage("rotation averaging", run.context);
   EstimatedRotations rotations = EstimateRotations(
-      input, {run.options.rotation_averaging, run.options.pair_filtering},
+      {run.scene, view_graph, index, run.input.gravity_priors, verdicts},
+      {run.options.rotation_averaging, run.options.pair_filtering},
       run.context);
   stage.Finish(times);
   return rotations;
-}
-
-// ----------------------------------------------------------- 4. Moving objects
-
-// Where objects move along with the rig, the matches of the static scene
-// replace those of the view graph, and rotations are averaged again.
-MotionOfScene RemoveMovingObjects(const Run& run, const FramePairIndex& index,
-                                  VerifiedPairs* pairs,
-                                  EstimatedRotations* rotations,
-                                  std::vector<StageTime>* times) {
-  const MapperOptions& options = run.options;
-  if (!index.is_sequence() || !IsRuleOn(RejectionReason::kDiscontinuousMotion,
-                                        options.pair_filtering)) {
-    return {};
-  }
-  const RunningStage stage("moving objects", run.context);
-  MotionOfScene motion =
-      FindMovingObjects({run.scene, pairs->bearings, index, pairs->view_graph,
-                         pairs->matches(), rotations->estimate},
-                        {options.translation_averaging.min_parallax_deg,
-                         options.view_graph, options.pair_filtering},
-                        run.context);
-  stage.Finish(times);
-  if (motion.verdicts.empty()) return {};
-  UseStaticPairs(run.context, &motion, pairs);
-  *rotations = AverageAllRotations(run,
-                                   {run.scene, pairs->view_graph, index,
-                                    run.input.gravity_priors, motion.verdicts},
-                                   times);
-  return motion;
-}
-
-// ------------------------------------------------------------------- 5. Tracks
-
-ObservationGroups EstablishAllTracks(const Run& run, const Measured& measured,
-                                     const RotationEstimate& rotations,
-                                     MapperModel* model) {
-  const RunningStage stage("tracks", run.context);
-  TrackResult tracks = EstablishTracks(run.scene, measured.pairs.view_graph,
-                                       rotations.pair_is_inlier,
-                                       run.options.tracks, run.context);
-  stage.Finish(&model->times);
-  model->tracks = tracks.summary;
-  return std::move(tracks.estimate);
 }
 
 // ---------------------------------------------------------------- 6. Positions
@@ -113,10 +72,9 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
   const RunningStage stage("translation averaging", run.context);
   const CalibrationPrior prior =
       measured.calibration->PriorFor(FramesWith(rotations.rig_from_world));
-  const bool has_length = HasLength(prior);
   const Scene& scene = run.scene;
-  const Scene with_rig = has_length ? WithKnownSensors(scene, prior) : Scene();
-  PositionInput input{has_length ? with_rig : scene,
+  const std::optional<Scene> with_rig = WithKnownSensors(scene, prior);
+  PositionInput input{with_rig ? *with_rig : scene,
                       measured.pairs.bearings,
                       measured.pairs.view_graph,
                       measured.index,
@@ -133,7 +91,7 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
       run.context);
   stage.Finish(&model->times);
   model->translation = std::move(positions.summary);
-  if (has_length) {
+  if (with_rig) {
     model->translation.is_metric &=
         std::any_of(scene.sensors.begin(), scene.sensors.end(), HasKnownLength);
   }
@@ -144,16 +102,20 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
   return positions;
 }
 
-// ---------------------------------------------- 7. Bundle adjustment and seams
+// ----------------------------------- 5. Tracks, 7. Bundle adjustment and seams
 
 // From rotations to an adjusted model, and its parts if it is split at seams.
 std::vector<MapperModel> MapComponent(const Run& run, const Measured& measured,
                                       RotationEstimate rotations) {
   MapperModel model;
-  const ObservationGroups tracks =
-      EstablishAllTracks(run, measured, rotations, &model);
+  const RunningStage stage("tracks", run.context);
+  const TrackResult tracks = EstablishTracks(
+      run.scene, measured.pairs.view_graph, rotations.pair_is_inlier,
+      run.options.tracks, run.context);
+  stage.Finish(&model.times);
+  model.tracks = tracks.summary;
   PositionResult positions =
-      PlaceComponent(run, measured, rotations, tracks, &model);
+      PlaceComponent(run, measured, rotations, tracks.estimate, &model);
   if (positions.corrected_rig_from_world) {
     rotations.rig_from_world = *std::move(positions.corrected_rig_from_world);
   }
@@ -170,7 +132,7 @@ std::vector<MapperModel> MapComponent(const Run& run, const Measured& measured,
   input.observer = run.input.observer;
   input.calibration = measured.calibration;
   Reconstruction initial =
-      JoinEstimates(run.scene, rotations, positions.estimate, tracks);
+      JoinEstimates(run.scene, rotations, positions.estimate, tracks.estimate);
   if (input.observer) input.observer(initial);
   AdjustModel(input, run.options, run.context, std::move(initial), &model);
   if (run.options.is_for_lenses) return {std::move(model)};
@@ -190,9 +152,8 @@ std::vector<MapperModel> MapComponents(const Run& run, const Measured& measured,
   for (size_t k = 0; k < num_frames.size(); ++k) {
     if (num_frames[k] < options.min_num_frames) continue;
     for (; num_learned < models.size(); ++num_learned) {
-      measured.calibration->Learn(models[num_learned],
-                                  run.input.position_priors,
-                                  options.bundle_adjustment, run.context);
+      PassOn(models[num_learned], run.input.position_priors, options,
+             run.context, measured.calibration);
     }
     run.context.Info("component " + std::to_string(k) + ": " +
                      std::to_string(num_frames[k]) + " frames");
@@ -211,19 +172,23 @@ void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
                       MapperResult* result) {
   const FramePairIndex index(run.scene, pairs->view_graph,
                              run.options.pair_filtering.is_sequence);
-  EstimatedRotations rotations = AverageAllRotations(
-      run, {run.scene, pairs->view_graph, index, run.input.gravity_priors},
-      &result->times);
+  EstimatedRotations rotations =
+      AverageAll(run, pairs->view_graph, index, {}, &result->times);
   const MotionOfScene motion =
-      RemoveMovingObjects(run, index, pairs, &rotations, &result->times);
+      RemoveMovingObjects(index, rotations.estimate, run.options, run.context,
+                          pairs, &result->times);
+  if (!motion.verdicts.empty()) {
+    rotations = AverageAll(run, pairs->view_graph, index, motion.verdicts,
+                           &result->times);
+  }
   SharedCalibration calibration(run.scene, run.lenses);
-  const bool has_gravity = !rotations.gravity_rejection;
-  const Measured measured{*pairs,
-                          index,
-                          has_gravity ? run.input.gravity_priors : kNoGravity,
-                          motion,
-                          &rotations.verdicts,
-                          &calibration};
+  const Measured measured{
+      *pairs,
+      index,
+      rotations.gravity_rejection ? kNoGravity : run.input.gravity_priors,
+      motion,
+      &rotations.verdicts,
+      &calibration};
   result->models = MapComponents(run, measured, rotations.estimate);
   result->rejected_pairs =
       CountRejections(rotations.verdicts, pairs->num_of_fixed_regions);
@@ -276,10 +241,7 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
                      of_round.is_for_lenses ? no_priors : input, scene, matches,
                      lenses, of_round, context_of_round});
   };
-  MapperResult result =
-      NeedsLenses(input.scene, options)
-          ? MapWithUnknownLenses(input, map, options, context)
-          : map(input.scene, input.view_graph, {}, options, context);
+  MapperResult result = MapWithLenses(input, map, options, context);
   AddUncertainFocalLengths(input.scene, &result);
   LogFindings(result, context);
   return result;

@@ -3,24 +3,46 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "base/format.h"
+#include "bundle_adjustment/covariance_report.h"
 #include "bundle_adjustment/residual_field.h"
+#include "geometry/so3.h"
 #include "georegistration/gravity_leveling.h"
+#include "georegistration/metric_scale.h"
 #include "georegistration/pose_graph_deformation.h"
 #include "georegistration/position_registration.h"
-#include "mapper/candidates.h"
-#include "mapper/covariance_report.h"
-#include "mapper/metric_scale.h"
-#include "mapper/soft_rig_images.h"
+#include "input_check/rig_samples.h"
 #include "mapper/stage.h"
+#include "mgsfm/base/mask.h"
 #include "soft_rig/rig_delays.h"
 
 namespace mgsfm {
+
+CandidateSource MakeCandidateSource(const Scene& scene,
+                                    const ViewGraph& view_graph,
+                                    const ViewGraph& matches, Mask pair_is_used,
+                                    const MapperOptions& options,
+                                    const Context& context) {
+  const auto groups = [&scene, &view_graph, &options, &context,
+                       pair_is_used = std::move(pair_is_used)](
+                          const Reconstruction& model, double max_error_px) {
+    return std::make_shared<const ObservationGroups>(EstablishCandidates(
+        scene, view_graph,
+        SelectConsistentMatches({scene, view_graph, pair_is_used, model},
+                                max_error_px, options.match_selection, context),
+        options.tracks, context));
+  };
+  return {groups, &matches};
+}
+
 namespace {
 
 void LogPriors(const PositionPriorSummary& summary, const Context& context) {
@@ -174,6 +196,19 @@ CandidateSource MakeObservedSource(const AdjustmentInput& input,
           source.matches};
 }
 
+// Timestamps if all images have one; otherwise the order of the frames.
+FrameTimes TimesOfFrames(const Scene& scene) {
+  const std::vector<int> rank = RankFrames(scene);
+  FrameTimes times{{rank.begin(), rank.end()}, false};
+  times.are_seconds =
+      std::all_of(scene.images.begin(), scene.images.end(),
+                  [](const Image& i) { return i.timestamp_s.has_value(); });
+  for (size_t f = 0; f < rank.size() && times.are_seconds; ++f) {
+    times.times[f] = TimeOfFrame(scene, static_cast<int>(f));
+  }
+  return times;
+}
+
 std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
                                         const MapperOptions& options,
                                         const Context& context,
@@ -250,6 +285,59 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
   if (!message.empty()) context.Warning(message);
 }
 
+void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
+               const Context& context) {
+  const std::string text = Formatted(
+      "': deviations of images: rms %.4g deg and %.4g, max %.4g deg "
+      "and %.4g%s; "
+      "reprojection errors %.3f px, before %.3f px",
+      RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
+      RadToDeg(sensor.max_rotation_rad), sensor.max_position,
+      sensor.is_rigid ? " (rigid)" : "", sensor.mean_error_after_px,
+      sensor.mean_error_before_px);
+  std::string line = "camera '" + scene.sensors[sensor.sensor_idx].name + text;
+  if (sensor.time_offset_s) {
+    line += Formatted("; time offset %.6f s +- %.6f s", *sensor.time_offset_s,
+                      *sensor.time_offset_sigma_s);
+  }
+  context.Info(line);
+  if (!sensor.message.empty()) {
+    context.Warning("camera '" + scene.sensors[sensor.sensor_idx].name +
+                    "': " + sensor.message);
+  }
+}
+
+// Estimates individual poses for the images of an adjusted model, and logs how
+// far the cameras deviate from a rigid rig.
+void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
+                            const MapperOptions& options,
+                            const Context& context, MapperModel* model) {
+  const Scene& scene = input.scene;
+  const RunningStage stage("soft rig", context);
+  const Scene separate = SeparateImages(scene);
+  priors.calibration.sensors.clear();  // each image is a sensor
+  SoftRigResult result = EstimateSoftRig(
+      {scene, separate,
+       MakeCandidateSource(separate, input.view_graph, input.matches,
+                           input.pair_is_used, options, context),
+       model->reconstruction, priors},
+      options.soft_rig, options.bundle_adjustment, context);
+  const SoftRigSummary& summary = result.images.summary;
+  for (const SoftRigSensor& sensor : summary.sensors) {
+    LogSensor(scene, sensor, context);
+  }
+  if (!summary.is_usable) {
+    context.Warning("images keep the poses of their rig: " + summary.message);
+  } else if (!summary.has_converged) {
+    context.Warning(
+        "the deviations of images from their rig have not converged; increase "
+        "SoftRig.max_num_rounds");
+  }
+  model->reconstruction = std::move(result.estimate);
+  model->soft_rig_images = std::move(result.images);
+  stage.Finish(&model->times);
+}
+
 }  // namespace
 
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
@@ -291,6 +379,17 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
     EstimateSoftRigOfModel(input, std::move(used_priors), options, context,
                            model);
   }
+}
+
+void PassOn(const MapperModel& model, const PositionPriors& positions,
+            const MapperOptions& options, const Context& context,
+            SharedCalibration* calibration) {
+  if (!model.rig_differences.empty()) return;
+  const bool is_registered =
+      model.position_priors && model.position_priors->is_registered;
+  calibration->Learn(model.reconstruction,
+                     is_registered ? positions : PositionPriors(), model.delays,
+                     options.bundle_adjustment, context);
 }
 
 Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,

@@ -3,7 +3,6 @@
 
 #include <vector>
 
-#include "mapper/shared_calibration.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
@@ -12,8 +11,19 @@
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "soft_rig/shared_calibration.h"
 
 namespace mgsfm {
+
+// Makes the source of candidate tracks for bundle adjustment: tracks of the
+// matches of used pairs that agree with a model. `matches` are those of the
+// input, of which the view graph has a part. The source refers to all arguments
+// but the mask, which must outlive it.
+CandidateSource MakeCandidateSource(const Scene& scene,
+                                    const ViewGraph& view_graph,
+                                    const ViewGraph& matches, Mask pair_is_used,
+                                    const MapperOptions& options,
+                                    const Context& context);
 
 // The data that an initial model is adjusted to.
 struct AdjustmentInput {
@@ -41,6 +51,12 @@ struct AdjustmentInput {
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model);
+
+// Passes the calibration of an adjusted model on to the next ones, unless the
+// model contradicts the rig of an earlier one.
+void PassOn(const MapperModel& model, const PositionPriors& positions,
+            const MapperOptions& options, const Context& context,
+            SharedCalibration* calibration);
 
 // old_from_new, aligned by the images of both models: the rotation is the mean
 // of their relative rotations, scale and translation minimize the squared

@@ -5,119 +5,17 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
-#include "mapper/candidates.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/stage.h"
-#include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "mgsfm/mapper/mapper.h"
+#include "registration/frame_addition.h"
 
 namespace mgsfm {
 namespace {
-
-// The fixed input of all passes.
-struct PassInput {
-  const Scene& scene;
-  const Bearings& bearings;
-  const ViewGraph& view_graph;
-  const Reconstruction& start;
-  const CandidateSource& candidates;
-  const MapperOptions& options;
-  const Context& context;
-  const ModelObserver& observer;
-};
-
-struct ExtendedModel {
-  Reconstruction model;
-  ExtensionSummary summary;
-  std::vector<ResectedFrame> rejected;  // frames that could not be added
-};
-
-// Indices of the points that frames of the mask observe.
-std::vector<size_t> PointsSeenBy(const Mask& frame_is_new, const Scene& scene,
-                                 const Reconstruction& model) {
-  std::vector<size_t> point_idxs;
-  for (size_t i = 0; i < model.points.size(); ++i) {
-    const std::vector<Observation>& track = model.points[i].track;
-    if (std::any_of(track.begin(), track.end(), [&](const Observation& o) {
-          return frame_is_new[scene.images[o.image_idx].frame_idx];
-        })) {
-      point_idxs.push_back(i);
-    }
-  }
-  return point_idxs;
-}
-
-// Refines the new frames and their points. All other frames, the sensors of the
-// existing model and all intrinsics are fixed.
-void RefineNewFrames(const PassInput& input, const Mask& frame_is_new,
-                     Reconstruction* model) {
-  FixedPoses fixed;
-  for (const bool is_new : frame_is_new) fixed.frames.push_back(!is_new);
-  for (const auto& pose : input.start.sensor_from_rig) {
-    fixed.sensors.push_back(pose.has_value());
-  }
-  BundleAdjustmentOptions options = input.options.bundle_adjustment;
-  options.refine_focal_length = RefineMode::kNo;
-  options.refine_principal_point = RefineMode::kNo;
-  options.refine_extra_params = RefineMode::kNo;
-
-  const std::vector<size_t> point_idxs =
-      PointsSeenBy(frame_is_new, input.scene, *model);
-  if (point_idxs.empty()) return;
-  Reconstruction seen{
-      model->cameras, model->sensor_from_rig, model->rig_from_world, {}};
-  for (const size_t i : point_idxs) seen.points.push_back(model->points[i]);
-  const BundleResult result =
-      AdjustBundle(input.scene, seen, options, input.context, {}, fixed);
-  model->sensor_from_rig = result.estimate.sensor_from_rig;
-  model->rig_from_world = result.estimate.rig_from_world;
-  for (size_t k = 0; k < point_idxs.size(); ++k) {
-    model->points[point_idxs[k]] = result.estimate.points[k];
-  }
-}
-
-// Resects the frames without a pose. Returns the mask of the frames that were
-// added, or nullopt if neither a frame nor a sensor was.
-std::optional<Mask> AddPass(const PassInput& input, ExtendedModel* extended) {
-  const ResectionResult result = ResectFrames(
-      input.scene, input.bearings, input.view_graph, extended->model,
-      input.options.extension.resection, input.context);
-  ExtensionSummary& summary = extended->summary;
-  const int pass = summary.num_passes + 1;
-  Mask frame_is_new(input.scene.frames.size());
-  extended->rejected.clear();
-  for (const ResectedFrame& frame : result.frames) {
-    if (!frame.is_added) {
-      extended->rejected.push_back(frame);
-      continue;
-    }
-    frame_is_new[frame.frame_idx] = true;
-    summary.added_frames.push_back({pass, frame});
-  }
-  const size_t num_added = frame_is_new.Count();
-  if (num_added == 0 && result.sensors.empty()) return std::nullopt;
-  summary.num_passes = pass;
-  summary.placed_sensors.insert(summary.placed_sensors.end(),
-                                result.sensors.begin(), result.sensors.end());
-  input.context.Info("pass " + std::to_string(pass) + ": " +
-                     std::to_string(num_added) + " frames added, " +
-                     std::to_string(extended->rejected.size()) + " left");
-  extended->model =
-      TriangulateCandidates(input.scene, input.candidates, result.estimate,
-                            input.options.bundle_adjustment, input.context);
-  return frame_is_new;
-}
-
-ExtendedModel AddFrames(const PassInput& input) {
-  ExtendedModel extended{input.start, {}, {}};
-  while (const std::optional<Mask> frame_is_new = AddPass(input, &extended)) {
-    RefineNewFrames(input, *frame_is_new, &extended.model);
-    if (input.observer) input.observer(extended.model);
-  }
-  return extended;
-}
 
 FixedPoses FixAllOf(const Reconstruction& model) {
   FixedPoses fixed;
@@ -140,53 +38,6 @@ bool IsMetric(const Scene& scene, const Reconstruction& start) {
   return false;
 }
 
-// A known rig that is new to the model may have another unit of length, and its
-// frames would then deform the model. Its sensors are therefore calibrated as
-// if they were unknown, and the known lengths are scaled to the unit of the
-// model. nullopt if no length differs.
-std::optional<Scene> AdaptKnownLengths(const VerifiedPairs& pairs,
-                                       const Reconstruction& start,
-                                       const ResectionOptions& options,
-                                       const Context& context) {
-  constexpr double kMaxFactor = 1.1;  // errors of lengths stay below 10 %
-  const Scene& scene = pairs.scene;
-  Scene uncalibrated = scene;
-  for (size_t i = 0; i < scene.sensors.size(); ++i) {
-    const int ref_idx = scene.rigs[scene.sensors[i].rig_idx].ref_sensor_idx;
-    if (start.sensor_from_rig[ref_idx]) continue;
-    if (!HasKnownLength(scene.sensors[i])) continue;
-    uncalibrated.sensors[i].sensor_from_rig.reset();
-  }
-  std::vector<std::vector<double>> factors(scene.rigs.size());
-  const ResectionResult placed = ResectFrames(
-      uncalibrated, pairs.bearings, pairs.view_graph, start, options, context);
-  for (const PlacedSensor& sensor : placed.sensors) {
-    const Sensor& known = scene.sensors[sensor.sensor_idx];
-    if (!HasKnownLength(known)) continue;
-    factors[known.rig_idx].push_back(
-        placed.estimate.sensor_from_rig[sensor.sensor_idx]->translation.norm() /
-        known.sensor_from_rig->translation.norm());
-  }
-  std::optional<Scene> adapted;
-  for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
-    if (factors[rig_idx].empty()) continue;
-    const double factor = Median(factors[rig_idx]);
-    if (factor < kMaxFactor && factor > 1.0 / kMaxFactor) continue;
-    if (!adapted) adapted = scene;
-    const Rig& rig = scene.rigs[rig_idx];
-    for (const int sensor_idx : rig.sensor_idxs) {
-      auto& pose = adapted->sensors[sensor_idx].sensor_from_rig;
-      if (pose) pose->translation *= factor;
-    }
-    context.Warning(
-        "the known lengths in the rig of camera '" +
-        scene.sensors[rig.ref_sensor_idx].name + "' are " +
-        std::to_string(factor) +
-        " times as long in the model, whose unit of length is kept");
-  }
-  return adapted;
-}
-
 // Known poses replace those of the model, which differ little.
 Reconstruction AtKnownPoses(const Scene& scene, Reconstruction model) {
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
@@ -196,14 +47,6 @@ Reconstruction AtKnownPoses(const Scene& scene, Reconstruction model) {
     }
   }
   return model;
-}
-
-bool HasNewKnownRig(const Scene& scene, const Reconstruction& start) {
-  return std::any_of(
-      scene.sensors.begin(), scene.sensors.end(), [&](const Sensor& sensor) {
-        const int ref_idx = scene.rigs[sensor.rig_idx].ref_sensor_idx;
-        return HasKnownLength(sensor) && !start.sensor_from_rig[ref_idx];
-      });
 }
 
 std::string ReasonForRejection(const ResectedFrame& frame,
@@ -270,13 +113,8 @@ void CheckExtensionOptions(const MapperOptions& options,
   }
 }
 
-}  // namespace
-
-bool HasKnownLength(const Sensor& sensor) {
-  return sensor.sensor_from_rig &&
-         !sensor.sensor_from_rig->translation.isZero(0.0);
-}
-
+// States for each sensor where its pose comes from, in the summaries that enter
+// the report.
 void DescribeSensors(const Scene& scene, const Reconstruction& start,
                      const std::vector<PlacedSensor>& placed,
                      MapperModel* model, MapperResult* result) {
@@ -308,6 +146,8 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
   }
 }
 
+}  // namespace
+
 void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
                  const MapperOptions& options, const Context& context,
                  MapperResult* result) {
@@ -317,11 +157,9 @@ void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
   const bool are_fixed = options.extension.fix_existing_frames;
   const Reconstruction start =
       are_fixed ? existing : AtKnownPoses(pairs.scene, existing);
-  std::optional<Scene> adapted;
-  if (HasNewKnownRig(pairs.scene, start)) {
-    adapted =
-        AdaptKnownLengths(pairs, start, options.extension.resection, context);
-  }
+  const std::optional<Scene> adapted =
+      AdaptKnownLengths({pairs.scene, pairs.bearings, view_graph, start},
+                        options.extension.resection, context);
   const Scene& scene = adapted ? *adapted : pairs.scene;
   MapperModel model;
   AdjustmentInput input{scene, view_graph, view_graph,
@@ -336,8 +174,9 @@ void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
       scene, view_graph, view_graph, input.pair_is_used, options, context);
   const RunningStage stage("resection", context);
   ExtendedModel extended =
-      AddFrames({scene, pairs.bearings, view_graph, start, candidates, options,
-                 context, input.observer});
+      AddFrames({scene, pairs.bearings, view_graph, start}, candidates,
+                options.extension.resection, options.bundle_adjustment, context,
+                input.observer);
   stage.Finish(&model.times);
   model.extension = std::move(extended.summary);
   model.extension->frames_are_fixed = are_fixed;
@@ -353,6 +192,56 @@ void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
   if (!model.reconstruction.points.empty()) {
     result->models.push_back(std::move(model));
   }
+}
+
+MapperResult TriangulatePoints(const MapperInput& input,
+                               const MapperOptions& options,
+                               const Context& context) {
+  MGSFM_CHECK_MSG(input.existing_model.has_value(),
+                  "the poses of an existing model are required");
+  const Scene& scene = input.scene;
+  const Reconstruction& start = *input.existing_model;
+  MapperResult result;
+  MapperModel model;
+  const RunningStage verification("view graph", context);
+  const ViewGraphResult verified =
+      EstimateViewGraph(scene, ComputeBearings(scene, context.num_threads),
+                        input.view_graph, options.view_graph, context);
+  verification.Finish(&result.times);
+  result.view_graph = verified.summary;
+  const CandidateSource candidates = MakeCandidateSource(
+      scene, verified.estimate, input.view_graph,
+      Mask(verified.estimate.pairs.size(), true), options, context);
+  const RunningStage triangulation("triangulation", context);
+  Reconstruction initial = TriangulateCandidates(
+      scene, candidates, start, options.bundle_adjustment, context);
+  triangulation.Finish(&model.times);
+  const RunningStage refinement("refinement", context);
+  BundleResult bundle =
+      RefineReconstruction(scene, candidates, std::move(initial),
+                           options.bundle_adjustment, context);
+  refinement.Finish(&model.times);
+  model.bundle = std::move(bundle.summary);
+  model.reconstruction = std::move(bundle.estimate);
+  model.extension = ExtensionSummary();
+  model.extension->frames_are_fixed =
+      !options.bundle_adjustment.refine_rig_from_world;
+  std::vector<std::string> reasons(scene.frames.size(),
+                                   "it is not in the input model");
+  for (const DroppedFrame& frame : model.bundle.dropped_frames) {
+    reasons[frame.frame_idx] = frame.reason;
+  }
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    model.extension->num_existing_frames += start.rig_from_world[i].has_value();
+    if (model.reconstruction.rig_from_world[i]) continue;
+    result.unregistered_frames.push_back({static_cast<int>(i), reasons[i]});
+  }
+  model.num_frames_in_component = model.extension->num_existing_frames;
+  DescribeSensors(scene, start, {}, &model, &result);
+  if (!model.reconstruction.points.empty()) {
+    result.models.push_back(std::move(model));
+  }
+  return result;
 }
 
 }  // namespace mgsfm

@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <vector>
-
 #include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
-#include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
@@ -19,14 +15,5 @@ namespace mgsfm {
 void ExtendModel(const VerifiedPairs& pairs, const MapperInput& input,
                  const MapperOptions& options, const Context& context,
                  MapperResult* result);
-
-// Whether the known pose of a sensor tells a length.
-bool HasKnownLength(const Sensor& sensor);
-
-// States for each sensor where its pose comes from, in the summaries that enter
-// the report.
-void DescribeSensors(const Scene& scene, const Reconstruction& start,
-                     const std::vector<PlacedSensor>& placed,
-                     MapperModel* model, MapperResult* result);
 
 }  // namespace mgsfm

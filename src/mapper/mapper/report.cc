@@ -8,8 +8,8 @@
 
 #include "base/text_streams.h"
 #include "base/text_tools.h"
+#include "bundle_adjustment/covariance_report.h"
 #include "geometry/so3.h"
-#include "mapper/covariance_report.h"
 #include "mapper/run_summary.h"
 #include "mgsfm/base/mask.h"
 #include "scene/fields_json.h"

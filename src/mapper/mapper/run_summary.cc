@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "base/format.h"
+#include "bundle_adjustment/covariance_report.h"
 #include "geometry/so3.h"
-#include "mapper/covariance_report.h"
 #include "mgsfm/base/mask.h"
 #include "scene/observations.h"
 

@@ -17,11 +17,12 @@ using SceneMapper = std::function<MapperResult(
     const CalibrationPrior& lenses, const MapperOptions& options,
     const Context& context)>;
 
-// Estimates the lenses without calibration from pairs, then by maps of a part
-// of the scene (lens_calibration.h), and maps all of it with them.
-[[nodiscard]] MapperResult MapWithUnknownLenses(const MapperInput& input,
-                                                const SceneMapper& map_scene,
-                                                const MapperOptions& options,
-                                                const Context& context);
+// Maps the scene. First estimates the lenses without calibration, if there are
+// any, from pairs and then by maps of a part of the scene
+// (lenses/lens_calibration.h).
+[[nodiscard]] MapperResult MapWithLenses(const MapperInput& input,
+                                         const SceneMapper& map_scene,
+                                         const MapperOptions& options,
+                                         const Context& context);
 
 }  // namespace mgsfm

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
@@ -10,6 +11,7 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "moving_objects/moving_objects.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
@@ -38,9 +40,12 @@ struct VerifiedPairs {
                                            const Context& context,
                                            MapperResult* result);
 
-// Moves the pairs of which the static scene is known to the view graph, and
-// logs how many others contradict the motion of the rig.
-void UseStaticPairs(const Context& context, MotionOfScene* motion,
-                    VerifiedPairs* pairs);
+// Finds objects that move along with the rig of a sequence, if the rule is on.
+// Pairs of which the static scene is known replace those of the view graph.
+// Logs how many others contradict the motion of the rig.
+[[nodiscard]] MotionOfScene RemoveMovingObjects(
+    const FramePairIndex& index, const RotationEstimate& rotations,
+    const MapperOptions& options, const Context& context, VerifiedPairs* pairs,
+    std::vector<StageTime>* times);
 
 }  // namespace mgsfm

@@ -6,13 +6,16 @@
 #include <cstddef>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "bundle_adjustment/relative_covariance.h"
 #include "geometry/so3.h"
-#include "mapper/side_alignment.h"
+#include "mapper/model_adjustment.h"
 #include "mgsfm/base/mask.h"
+#include "registration/side_motion.h"
 #include "seams/motion_jumps.h"
 
 namespace mgsfm {
@@ -119,8 +122,8 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       std::move(part.reconstruction));
     if (!IsLargeEnough(part, options)) continue;
     if (input.calibration && !parts.empty()) {
-      input.calibration->Learn(parts.back(), input.positions,
-                               options.bundle_adjustment, context);
+      PassOn(parts.back(), input.positions, options, context,
+             input.calibration);
     }
     AdjustmentInput of_part = input;
     of_part.pair_is_used = PairsOfSegment(input, segment_of_frame, segment);
@@ -238,6 +241,112 @@ bool IsLargeEnough(const MapperModel& model, const MapperOptions& options) {
                     [](const auto& pose) { return pose.has_value(); });
   return num_frames >= options.min_num_frames &&
          !model.reconstruction.points.empty();
+}
+
+namespace {
+
+// The pairs of neighbors in time across a seam.
+std::vector<size_t> FindCrossing(const FramePairIndex& index,
+                                 const Mask& frame_is_beyond,
+                                 const Reconstruction& model) {
+  std::vector<size_t> crossing;
+  for (size_t i = 0; i < index.num_pairs(); ++i) {
+    const FramePairIndex::FramePair& frames = index.Of(i);
+    if (index.AreNeighbors(frames) &&
+        frame_is_beyond[frames.frame_idx1] !=
+            frame_is_beyond[frames.frame_idx2] &&
+        model.rig_from_world[frames.frame_idx1] &&
+        model.rig_from_world[frames.frame_idx2]) {
+      crossing.push_back(i);
+    }
+  }
+  return crossing;
+}
+
+// Their matches before verification.
+ViewGraph MatchesAcross(const AdjustmentInput& input,
+                        const std::vector<size_t>& crossing) {
+  ViewGraph matches;
+  for (const size_t i : crossing) {
+    const ImagePair& pair = input.view_graph.pairs[i];
+    const ImagePair* source =
+        FindPair(input.matches, pair.image_idx1, pair.image_idx2);
+    if (source != nullptr) matches.pairs.push_back(*source);
+  }
+  return matches;
+}
+
+// The model with the side beyond the seam moved, and triangulated again.
+MapperModel Realign(const AdjustmentInput& input, const MapperOptions& options,
+                    const Context& context, const Mask& frame_is_beyond,
+                    const Rigid3& beyond_from_core, const MapperModel& model) {
+  MapperModel realigned = model;
+  Reconstruction initial = model.reconstruction;
+  for (size_t i = 0; i < initial.rig_from_world.size(); ++i) {
+    auto& pose = initial.rig_from_world[i];
+    if (pose && frame_is_beyond[i]) pose = *pose * beyond_from_core;
+  }
+  initial = TriangulateCandidates(
+      input.scene,
+      MakeCandidateSource(input.scene, input.view_graph, input.matches,
+                          input.pair_is_used, options, context),
+      initial, options.bundle_adjustment, context);
+  AdjustModel(input, options, context, std::move(initial), &realigned);
+  return realigned;
+}
+
+}  // namespace
+
+void RealignSides(const FramePairIndex& index, const MapperOptions& options,
+                  const Context& context,
+                  const ConfidenceFunction& confidence_of,
+                  AdjustmentInput* input, MapperModel* model) {
+  if (model->confidence.seams.empty()) return;
+  const Bearings bearings = ComputeBearings(
+      input->scene, model->reconstruction.cameras, context.num_threads);
+  std::set<std::vector<int>> tested;  // sides, so that the test ends
+  for (size_t k = 0; k < model->confidence.seams.size();) {
+    const Seam& seam = model->confidence.seams[k];
+    if (!tested.insert(seam.frame_idxs_beyond).second) {
+      ++k;
+      continue;
+    }
+    Mask frame_is_beyond(input->scene.frames.size(), false);
+    for (const int i : seam.frame_idxs_beyond) frame_is_beyond[i] = true;
+    std::vector<int> core;
+    for (size_t i = 0; i < frame_is_beyond.size(); ++i) {
+      if (!frame_is_beyond[i]) core.push_back(static_cast<int>(i));
+    }
+    const auto count_ties = [&](const MapperModel& m) {
+      return CountTies(input->scene, m.reconstruction, core,
+                       seam.frame_idxs_beyond);
+    };
+    const std::vector<size_t> crossing =
+        FindCrossing(index, frame_is_beyond, model->reconstruction);
+    const auto motion = FindMotionOfSide(
+        {input->scene, bearings, MatchesAcross(*input, crossing),
+         model->reconstruction, frame_is_beyond,
+         options.bundle_adjustment.max_max_error_px,
+         options.view_graph.min_num_inliers},
+        context);
+    ++k;
+    if (!motion) continue;
+    AdjustmentInput with_crossing = *input;
+    for (const size_t i : crossing) with_crossing.pair_is_used[i] = true;
+    MapperModel realigned = Realign(with_crossing, options, context,
+                                    frame_is_beyond, *motion, *model);
+    if (!IsSignificantlyMore(count_ties(realigned), count_ties(*model))) {
+      continue;
+    }
+    realigned.confidence = confidence_of(with_crossing.pair_is_used, realigned);
+    context.Info("the side of " +
+                 std::to_string(seam.frame_idxs_beyond.size()) +
+                 " frames beyond a weak seam is moved to where more matches "
+                 "agree");
+    *model = std::move(realigned);
+    input->pair_is_used = std::move(with_crossing.pair_is_used);
+    k = 0;  // of the new seams
+  }
 }
 
 }  // namespace mgsfm

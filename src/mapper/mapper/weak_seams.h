@@ -7,6 +7,7 @@
 
 #include "mapper/model_adjustment.h"
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/input_check/finding.h"
 #include "mgsfm/mapper/mapper.h"
 #include "pair_filtering/frame_pair_index.h"
@@ -52,5 +53,23 @@ using ConfidenceFunction =
 
 // Whether a model has points and at least min_num_frames registered frames.
 bool IsLargeEnough(const MapperModel& model, const MapperOptions& options);
+
+// Tests a model at its weak seams. Both sides of a seam are rigid, but few
+// points tie them, and an object that moves can have decided their relative
+// pose. The structure of either side cannot show such an object: two frames of
+// the side observe its points.
+//
+// If another motion explains more matches of neighbors in time
+// (registration/side_motion.h; places can look alike), the model is adjusted
+// again with all pairs of the neighbors across the seam. It stays if
+// significantly more points tie both sides; `input` then uses these pairs.
+// Seams are tested by ascending confidence, until none changes.
+//
+// Cost: linear in the matches across each seam, and a bundle adjustment for
+// each motion that explains more.
+void RealignSides(const FramePairIndex& index, const MapperOptions& options,
+                  const Context& context,
+                  const ConfidenceFunction& confidence_of,
+                  AdjustmentInput* input, MapperModel* model);
 
 }  // namespace mgsfm

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "moving_objects/ambiguous_steps.h"
-
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -8,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "moving_objects/path_agreement.h"
 #include "support/orders.h"
 
 namespace mgsfm {

@@ -85,13 +85,13 @@ class Drive {
   void AddWorld(int begin, int end, double share,
                 std::optional<double> reach = {}) {
     for (int k = begin; k < end; ++k) {
-      steps_[k].push_back({TrueMotion(k, k + 1), share, share, {}, reach});
+      steps_[k].push_back({{TrueMotion(k, k + 1)}, share, share, {}, reach});
     }
   }
   void AddObject(int begin, int end, const Rigid3& motion, double share,
                  std::optional<double> reach = {}) {
     for (int k = begin; k < end; ++k) {
-      steps_[k].push_back({motion, share, share, {}, reach});
+      steps_[k].push_back({{motion}, share, share, {}, reach});
     }
   }
 
@@ -99,7 +99,7 @@ class Drive {
   void AddDirections(int begin, int end, double share) {
     for (int k = begin; k < end; ++k) {
       const Rigid3 motion = TrueMotion(k, k + 1);
-      steps_[k].push_back({{motion.rotation, Vector3d::Zero()},
+      steps_[k].push_back({{{motion.rotation, Vector3d::Zero()}},
                            share,
                            share,
                            motion.Center().stableNormalized()});
@@ -473,9 +473,11 @@ TEST(MotionContinuityTest, SequencesAreNotComparable) {
   for (const uint32_t id : {1, 2, 3}) scene.rigs.push_back({RigId(id), 0, {}});
   const Rigid3 slow{Quaterniond::Identity(), {0.0, 0.0, -1.0}};
   const Rigid3 fast{Quaterniond::Identity(), {0.0, 0.0, -3.0}};
-  const RigPath path = FindRigPath(
-      TemporalOrder(scene), idx,
-      {{{{slow, 0.5, 0.5}}}, {}, {{{fast, 0.5, 0.5}}, {{fast, 0.5, 0.5}}}});
+  const RigPath path =
+      FindRigPath(TemporalOrder(scene), idx,
+                  {{{{{slow}, 0.5, 0.5}}},
+                   {},
+                   {{{{fast}, 0.5, 0.5}}, {{{fast}, 0.5, 0.5}}}});
   for (int i = 0; i < idx; ++i) {
     for (int k = i + 1; k < idx; ++k) {
       EXPECT_EQ(path.IsComparable(i, k), k < 2 || i >= 3) << i << " " << k;

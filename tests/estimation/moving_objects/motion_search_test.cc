@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "moving_objects/motion_search.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +7,7 @@
 
 #include "base/random.h"
 #include "geometry/so3.h"
+#include "moving_objects/motion_continuity.h"
 
 namespace mgsfm {
 namespace {
@@ -32,7 +31,7 @@ std::vector<StepHypotheses> RandomSteps(int seed) {
       const double share = random.Uniform(0.05, 0.9);
       const double length =
           h == 0 ? random.Uniform(1.4, 1.6) : random.Uniform(0.5, 3.0);
-      step.push_back({Forward(length), share, share});
+      step.push_back({{Forward(length)}, share, share});
     }
   }
   return steps;
@@ -88,7 +87,7 @@ TEST(MotionSearchTest, MarginsDoNotDependOnTheDirectionOfTime) {
 
 TEST(MotionSearchTest, AMotionWithoutRivalHasAnInfiniteMargin) {
   const std::vector<StepHypotheses> hypotheses(
-      kNumSteps, StepHypotheses{{Forward(1.0), 0.9, 0.9}});
+      kNumSteps, StepHypotheses{{{Forward(1.0)}, 0.9, 0.9}});
   const MotionChoice choice =
       ChooseMotions(MakeRegularSteps(hypotheses), Mask(kNumSteps, true));
   for (size_t k = 0; k < kNumSteps; ++k) {
@@ -100,12 +99,12 @@ TEST(MotionSearchTest, AMotionWithoutRivalHasAnInfiniteMargin) {
 // Only motions that differ and have enough matches are compared.
 TEST(MotionCandidatesTest, NearnessIsRelativeToTheFarthestRival) {
   const std::vector<StepHypotheses> hypotheses{
-      {{Forward(1.0), 0.4, 0.4, {}, 12.0},
-       {Forward(0.1), 0.3, 0.3, {}, 3.0},
-       {Forward(0.5), 0.1, 0.1, {}, 50.0},   // few matches
-       {Forward(1.05), 0.2, 0.2, {}, 20.0},  // equal to the first
-       {Forward(0.7), 0.2, 0.2},             // unknown
-       {Forward(0.0), 0.2, 0.2, Vector3d::UnitZ().eval()}}};
+      {{{Forward(1.0)}, 0.4, 0.4, {}, 12.0},
+       {{Forward(0.1)}, 0.3, 0.3, {}, 3.0},
+       {{Forward(0.5)}, 0.1, 0.1, {}, 50.0},   // few matches
+       {{Forward(1.05)}, 0.2, 0.2, {}, 20.0},  // equal to the first
+       {{Forward(0.7)}, 0.2, 0.2},             // unknown
+       {{Forward(0.0)}, 0.2, 0.2, Vector3d::UnitZ().eval()}}};
   const Steps steps = MakeRegularSteps(hypotheses);
   ASSERT_EQ(steps.candidates[0].size(), 6u);
   const auto nearness = [&](size_t h) {
@@ -126,9 +125,9 @@ TEST(MotionCandidatesTest, PairsAreAsNearAsTheMotionThatTheyAgreeWith) {
   const Rigid3 of_lorry = Rigid3::FromRotationAndCenter(
       ExpSO3({0.0, DegToRad(4.0), 0.0}), {0.0, 0.0, 1.0});
   const std::vector<StepHypotheses> hypotheses{
-      {{Forward(1.0), 0.4, 0.4, {}, 12.0},
-       {of_lorry, 0.4, 0.4, {}, 3.0},
-       {{of_lorry.rotation, Vector3d::Zero()},
+      {{{Forward(1.0)}, 0.4, 0.4, {}, 12.0},
+       {{of_lorry}, 0.4, 0.4, {}, 3.0},
+       {{{of_lorry.rotation, Vector3d::Zero()}},
         0.7,
         0.7,
         Vector3d::UnitZ().eval()}}};
@@ -147,9 +146,9 @@ TEST(MotionCandidatesTest, PairsGiveTheRotationAndDepthsTheDistance) {
   const Vector3d right = Vector3d(0.02, 0.0, 1.0).normalized();
   const Rigid3 by_depth = turned(0.8, 2.0);
   const std::vector<StepHypotheses> hypotheses{
-      {{by_depth, 0.4, 0.4},
-       {turned(0.1, 0.0), 0.5, 0.5, left},
-       {turned(0.3, 0.0), 0.5, 0.5, right}}};
+      {{{by_depth}, 0.4, 0.4},
+       {{turned(0.1, 0.0)}, 0.5, 0.5, left},
+       {{turned(0.3, 0.0)}, 0.5, 0.5, right}}};
   const Steps steps = MakeRegularSteps(hypotheses);
   ASSERT_EQ(steps.candidates[0].size(), 2u);
   const Candidate& measured = steps.candidates[0][0];

@@ -108,7 +108,7 @@ class TwoFrames {
   void ForgetSensor(int sensor_idx) {
     depths_.cam_from_rig[sensor_idx] = std::nullopt;
   }
-  std::vector<RigMotion> Find() const {
+  StepHypotheses Find() const {
     return FindRigMotions(Matches(), kMaxError_px, Random(3));
   }
   std::optional<Rigid3> Refine(const Rigid3& start) const {
@@ -213,10 +213,10 @@ void ExpectNear(const Rigid3& motion, const Rigid3& truth) {
 TEST(RigMotionsTest, SceneAndVehicleAreFound) {
   for (const Layout& layout :
        {Layout{true, false}, Layout{false, true}, Layout{true, true}}) {
-    const std::vector<RigMotion> motions = Street(layout).Find();
+    const StepHypotheses motions = Street(layout).Find();
     ASSERT_EQ(motions.size(), 2u);
-    ExpectNear(motions[0].measured.later_from_earlier, kDrive);
-    ExpectNear(motions[1].measured.later_from_earlier, kFollow);
+    ExpectNear(motions[0].later_from_earlier, kDrive);
+    ExpectNear(motions[1].later_from_earlier, kFollow);
     // Some matches agree by chance, or with both motions.
     EXPECT_NEAR(motions[0].share, 150.0 / 300.0, 0.03);
     EXPECT_EQ(motions[0].own_share, motions[0].share);
@@ -227,10 +227,10 @@ TEST(RigMotionsTest, SceneAndVehicleAreFound) {
 
 // The motion with the most matches comes first, whether it is credible or not.
 TEST(RigMotionsTest, AVehicleMayHaveMoreMatches) {
-  const std::vector<RigMotion> motions = BehindALorry().Find();
+  const StepHypotheses motions = BehindALorry().Find();
   ASSERT_EQ(motions.size(), 2u);
-  ExpectNear(motions[0].measured.later_from_earlier, kFollow);
-  ExpectNear(motions[1].measured.later_from_earlier, kDrive);
+  ExpectNear(motions[0].later_from_earlier, kFollow);
+  ExpectNear(motions[1].later_from_earlier, kDrive);
 }
 
 // The standard deviation of the reach is 3 % for 150 points in the box.
@@ -238,13 +238,13 @@ TEST(RigMotionsTest, TheReachIsThatOfThePointsOfAMotion) {
   TwoFrames frames;
   frames.AddStatic(150);
   frames.AddVehicle(150);
-  const std::vector<RigMotion> motions = frames.Find();
+  const StepHypotheses motions = frames.Find();
   ASSERT_EQ(motions.size(), 2u);
   const bool is_street_first =
-      AngleBetween(motions[0].measured.later_from_earlier.rotation,
-                   kDrive.rotation) < DegToRad(0.5);
-  const RigMotion& street = motions[is_street_first ? 0 : 1];
-  const RigMotion& vehicle = motions[is_street_first ? 1 : 0];
+      AngleBetween(motions[0].later_from_earlier.rotation, kDrive.rotation) <
+      DegToRad(0.5);
+  const MotionHypothesis& street = motions[is_street_first ? 0 : 1];
+  const MotionHypothesis& vehicle = motions[is_street_first ? 1 : 0];
   ASSERT_TRUE(street.reach && vehicle.reach);
   const double of_street = ReachOfBox(kLowOfStreet, kHighOfStreet);
   const double of_vehicle = ReachOfBox(kLowOfVehicle, kHighOfVehicle);
@@ -255,7 +255,7 @@ TEST(RigMotionsTest, TheReachIsThatOfThePointsOfAMotion) {
 TEST(RigMotionsTest, ASingleMotionIsNotComparedWithOthers) {
   TwoFrames frames;
   frames.AddStatic(150);
-  const std::vector<RigMotion> motions = frames.Find();
+  const StepHypotheses motions = frames.Find();
   ASSERT_EQ(motions.size(), 1u);
   EXPECT_FALSE(motions[0].reach.has_value());
 }
@@ -265,12 +265,12 @@ TEST(RigMotionsTest, TheOrderOfImagesHasNoInfluence) {
     const Layout layout{!is_later_known, is_later_known};
     Layout reversed = layout;
     reversed.is_later_first = true;
-    const std::vector<RigMotion> expected = Street(layout).Find();
-    const std::vector<RigMotion> motions = Street(reversed).Find();
+    const StepHypotheses expected = Street(layout).Find();
+    const StepHypotheses motions = Street(reversed).Find();
     ASSERT_EQ(motions.size(), expected.size());
     for (size_t k = 0; k < motions.size(); ++k) {
-      const Rigid3& a = motions[k].measured.later_from_earlier;
-      const Rigid3& b = expected[k].measured.later_from_earlier;
+      const Rigid3& a = motions[k].later_from_earlier;
+      const Rigid3& b = expected[k].later_from_earlier;
       EXPECT_LT(AngleBetween(a.rotation, b.rotation), 1e-9);
       EXPECT_LT((a.translation - b.translation).norm(), 1e-9);
       EXPECT_EQ(motions[k].share, expected[k].share);
@@ -302,10 +302,10 @@ TEST(RigMotionsTest, CamerasWithUnknownPosesAreLeftOut) {
   frames.AddStatic(400);
   frames.AddVehicle(300);
   frames.ForgetSensor(1);
-  const std::vector<RigMotion> motions = frames.Find();
+  const StepHypotheses motions = frames.Find();
   ASSERT_EQ(motions.size(), 2u);
-  ExpectNear(motions[0].measured.later_from_earlier, kDrive);
-  ExpectNear(motions[1].measured.later_from_earlier, kFollow);
+  ExpectNear(motions[0].later_from_earlier, kDrive);
+  ExpectNear(motions[1].later_from_earlier, kFollow);
   frames.ForgetSensor(0);
   EXPECT_TRUE(frames.Find().empty());
 }

@@ -2,13 +2,17 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
-#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/bundle_adjustment/uncertainty.h"
+#include "mgsfm/lenses/lenses.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/view_graph/focal_length_calibration.h"
 
 namespace mgsfm {
 
@@ -19,14 +23,25 @@ struct Lenses {
   CalibrationPrior prior = {};
 };
 
-// Maps the pairs with these lenses.
-using LensMapper = std::function<MapperResult(
-    const Lenses& lenses, const ViewGraph& matches,
-    const MapperOptions& options, const Context& context)>;
+struct LensOptions {
+  const FocalLengthOptions& focal_lengths;
+  const BundleAdjustmentOptions& bundle_adjustment;
+  double max_error_px;  // of the view graph
+};
+
+// A model, and the checks of its focal lengths.
+struct LensModel {
+  Reconstruction reconstruction;
+  std::vector<FocalLengthCheck> focal_lengths;
+};
+
+// The largest model of the pairs with these lenses, if there is one.
+using LensMapper = std::function<std::optional<LensModel>(
+    const Lenses& lenses, const ViewGraph& matches)>;
 
 // Whether the scene has a lens to estimate.
 [[nodiscard]] bool NeedsLenses(const Scene& scene,
-                               const MapperOptions& options);
+                               const FocalLengthOptions& options);
 
 struct LensInput {
   const Scene& scene;  // a LensMapper replaces its cameras
@@ -74,22 +89,21 @@ struct LensResult {
 // certain and wrong.
 [[nodiscard]] LensResult CalibrateLenses(const LensInput& input,
                                          const LensMapper& map,
-                                         const MapperOptions& options,
+                                         const LensOptions& options,
                                          const Context& context);
 
-// Maps all pairs with the lenses, and again if the model changes those that it
-// determines by more than 3 ViewGraph.max_error_px.
-[[nodiscard]] MapperResult MapWithLenses(const ViewGraph& matches,
-                                         const LensMapper& map,
-                                         const MapperOptions& options,
-                                         const Context& context,
-                                         LensResult* lenses);
+// Adopts the lenses of a model of all pairs if it changes those that it
+// determines by more than 3 max_error_px. The scene is then mapped again.
+[[nodiscard]] bool UpdateLenses(const Reconstruction& model,
+                                const std::vector<FocalLengthCheck>& checks,
+                                const LensOptions& options, LensResult* lenses);
 
 void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
                      const Context& context);
 
 // `scene` has them.
-void StateInitialFocalLengths(const Scene& scene, MapperModel* model);
+void StateInitialFocalLengths(const Scene& scene,
+                              std::vector<FocalLengthCheck>* checks);
 
 // The root mean square in pixels of the displacement of rays by the change of a
 // lens, over a grid in the image and without its mean, which is a rotation.

@@ -8,10 +8,11 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
-#include "mgsfm/input_check/finding.h"
-#include "mgsfm/mapper/mapper.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
+#include "mgsfm/soft_rig/rig_delays.h"
+#include "mgsfm/soft_rig/rig_difference.h"
 
 namespace mgsfm {
 
@@ -25,7 +26,7 @@ using RigSensors = std::vector<std::optional<RigSensor>>;  // per sensor
 
 // The calibration that the models of a run share. Each model passes on the
 // sensors and cameras that no model before it has, so that the first and
-// largest one decides. A model that contradicts the others passes on nothing.
+// largest one decides.
 //
 // The unit of length is that of the first model. If measurements leave it
 // arbitrary, the best-determined baseline of a rig counts as exact, since the
@@ -39,10 +40,11 @@ class SharedCalibration {
         cameras_(std::move(lenses)),
         has_lens_(scene.cameras.size(), false) {}
 
-  // `positions` are those of the adjustment of the model. A model that shares
+  // `positions` are those that the model was adjusted to. A model that shares
   // no baseline with an earlier one has a unit of its own, and passes on no
   // lengths.
-  void Learn(const MapperModel& model, const PositionPriors& positions,
+  void Learn(const Reconstruction& model, const PositionPriors& positions,
+             const std::optional<RigDelays>& delays,
              const BundleAdjustmentOptions& options, const Context& context);
 
   // Whether a model with this prior has the unit of length of the first model,
@@ -77,19 +79,14 @@ Mask FramesWith(const std::vector<std::optional<Pose>>& poses) {
   return has_frame;
 }
 
-// Whether a prior determines the unit of length.
-bool HasLength(const CalibrationPrior& prior);
-
 // The scene with the sensors whose baselines the prior determines as known
-// ones, for the estimation of positions.
-Scene WithKnownSensors(Scene scene, const CalibrationPrior& prior);
+// ones, for the estimation of positions. nullopt if it determines none, and so
+// no unit of length.
+std::optional<Scene> WithKnownSensors(const Scene& scene,
+                                      const CalibrationPrior& prior);
 
 // Scales an initial model to the unit of length of the prior, and gives it the
 // rig of the prior.
 void StartAtPrior(const CalibrationPrior& prior, Reconstruction* model);
-
-// One finding for each sensor that differs.
-std::vector<Finding> DescribeRigDifferences(
-    const Scene& scene, const std::vector<MapperModel>& models);
 
 }  // namespace mgsfm

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/covariance_report.h"
+#include "bundle_adjustment/covariance_report.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/covariance_report.h"
+#include "bundle_adjustment/covariance_report.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -18,7 +18,7 @@
 namespace mgsfm {
 namespace {
 
-std::string Number(double value) {
+std::string CsvNumber(double value) {
   return ',' + FormatDouble(value, std::chars_format::general, 9);
 }
 
@@ -39,14 +39,14 @@ std::string Line(const CovarianceResult& covariances, bool is_sensor, int idx,
   std::string line = (is_sensor ? "sensor," : "frame,") + QuoteCsv(name);
   for (int i = 0; i < 6; ++i) {
     const double sigma = std::sqrt(std::max(0.0, c(i, i)));
-    line += Number(i < 3 ? RadToDeg(sigma) : sigma);
+    line += CsvNumber(i < 3 ? RadToDeg(sigma) : sigma);
   }
   for (const bool is_rotation : {true, false}) {
     line += "," + std::to_string(CountUnobservable(covariances, is_sensor, idx,
                                                    is_rotation));
   }
   for (int i = 0; i < 6; ++i) {
-    for (int j = i; j < 6; ++j) line += Number(c(i, j));
+    for (int j = i; j < 6; ++j) line += CsvNumber(c(i, j));
   }
   return line + "\n";
 }

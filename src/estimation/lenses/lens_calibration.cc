@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/lens_calibration.h"
+#include "lenses/lens_calibration.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <optional>
 #include <string>
@@ -37,9 +36,6 @@ constexpr double kMaxChange = 3.0;
 // The bound of the rounds. It is smaller because one more round costs less than
 // one more map of all frames.
 constexpr double kMaxChangeOfRound = 1.5;
-// Lenses need only be accurate to the tolerance of the view graph.
-constexpr int kNumBundleRounds = 2;
-constexpr double kFunctionTolerance = 1e-4;
 // Frames of the first round. Each round has twice as many, up to what a drive
 // sees during a turn, and beyond that if they do not determine the lenses.
 constexpr size_t kNumFramesOfFirst = 12;
@@ -50,8 +46,7 @@ const CameraModelInfo& InfoOf(const Camera& camera) {
 }
 
 double FirstFocalLength(const Camera& camera) {
-  return camera.params[FindCameraModel(static_cast<int32_t>(camera.model))
-                           ->focal_length_idxs.front()];
+  return camera.params[InfoOf(camera).focal_length_idxs.front()];
 }
 
 // SIMPLE_RADIAL as RADIAL, or vice versa.
@@ -111,7 +106,7 @@ void SetPrior(int camera_idx, const Camera& start,
       PriorSigmas(camera, start, options);
 }
 
-bool MaySelectModel(const Camera& camera, const MapperOptions& options) {
+bool MaySelectModel(const Camera& camera, const LensOptions& options) {
   return options.focal_lengths.select_camera_model &&
          options.bundle_adjustment.refine_extra_params != RefineMode::kNo &&
          camera.model == CameraModelId::kSimpleRadial;
@@ -122,7 +117,7 @@ LensSource SourceOfStart(const Camera& given, const Camera& start) {
   return HasLensOfExif(given) ? LensSource::kExif : LensSource::kGuess;
 }
 
-Lenses FirstLenses(const LensInput& input, const MapperOptions& options,
+Lenses FirstLenses(const LensInput& input, const LensOptions& options,
                    LensSummary* summary) {
   const std::vector<Camera>& start = input.start;
   Lenses lenses{start};
@@ -199,16 +194,6 @@ ViewGraph PairsWithin(const Scene& scene, const ViewGraph& matches,
   return within;
 }
 
-MapperOptions OptionsOfRounds(MapperOptions options) {
-  options.is_for_lenses = true;
-  options.pair_filtering.use_motion_continuity = false;
-  options.bundle_adjustment.num_rounds =
-      std::min<int>(options.bundle_adjustment.num_rounds, kNumBundleRounds);
-  options.bundle_adjustment.function_tolerance = std::max<double>(
-      options.bundle_adjustment.function_tolerance, kFunctionTolerance);
-  return options;
-}
-
 bool IsPlausible(const Camera& camera, const BundleAdjustmentOptions& options) {
   const double side = std::max(camera.width_px, camera.height_px);
   for (const int i : InfoOf(camera).focal_length_idxs) {
@@ -223,12 +208,14 @@ bool IsPlausible(const Camera& camera, const BundleAdjustmentOptions& options) {
 
 // Adopts the plausible lenses of a model. Returns the largest change, of all or
 // of those that the model determines.
-double Adopt(const MapperModel& model, const BundleAdjustmentOptions& options,
-             bool of_determined, std::vector<Camera>* cameras) {
+double Adopt(const Reconstruction& model,
+             const std::vector<FocalLengthCheck>& checks,
+             const BundleAdjustmentOptions& options, bool of_determined,
+             std::vector<Camera>* cameras) {
   double largest_px = 0.0;
-  for (const FocalLengthCheck& check : model.focal_lengths) {
+  for (const FocalLengthCheck& check : checks) {
     Camera& camera = (*cameras)[check.camera_idx];
-    const Camera& refined = model.reconstruction.cameras[check.camera_idx];
+    const Camera& refined = model.cameras[check.camera_idx];
     if (!IsPlausible(refined, options)) continue;
     if (!of_determined || check.message.empty()) {
       largest_px = std::max(largest_px, LensChangePx(camera, refined));
@@ -238,7 +225,7 @@ double Adopt(const MapperModel& model, const BundleAdjustmentOptions& options,
   return largest_px;
 }
 
-bool DeterminesAll(const LensSummary& summary, const MapperModel& model,
+bool DeterminesAll(const LensSummary& summary, const LensModel& model,
                    const BundleAdjustmentOptions& options) {
   const auto& checks = model.focal_lengths;
   return checks.size() >= summary.lenses.size() &&
@@ -250,11 +237,9 @@ bool DeterminesAll(const LensSummary& summary, const MapperModel& model,
 
 void LogRound(const LensSummary& summary, size_t num_frames, double change_px,
               const Context& context) {
-  char text[120];
-  std::snprintf(text, sizeof(text),
-                "lenses: round %d with %zu frames changes them by %.2f px",
-                summary.num_rounds, num_frames, change_px);
-  context.Info(text);
+  context.Info(
+      Formatted("lenses: round %d with %zu frames changes them by %.2f px",
+                summary.num_rounds, num_frames, change_px));
 }
 
 // The logarithm of the evidence for a parameter with a normal prior about zero,
@@ -267,7 +252,7 @@ double LogEvidence(double value, double sigma, double prior_sigma) {
 // Leaves RADIAL to the lenses for whose second parameter a model of some frames
 // is evidence.
 void SelectModels(const LensInput& input, const Reconstruction& model,
-                  const MapperOptions& options, const Context& context,
+                  const LensOptions& options, const Context& context,
                   LensResult* result) {
   Lenses& lenses = result->lenses;
   BundlePriors priors;
@@ -297,25 +282,16 @@ void LogLenses(const Scene& scene, const LensResult& result,
     const Camera& camera = result.lenses.cameras[lens.camera_idx];
     std::string text = "lens of " + CameraLabel(scene, lens.camera_idx) + ": " +
                        std::string(InfoOf(camera).name);
-    for (const double param : camera.params) {
-      char number[32];
-      std::snprintf(number, sizeof(number), " %.5g", param);
-      text += number;
-    }
+    for (const double param : camera.params) text += Formatted(" %.5g", param);
     context.Info(text +
                  (lens.reason.empty() ? "" : ", because " + lens.reason));
   }
 }
 
-Context Quiet(Context context) {
-  context.log = nullptr;
-  return context;
-}
-
 }  // namespace
 
-bool NeedsLenses(const Scene& scene, const MapperOptions& options) {
-  return options.focal_lengths.calibrate &&
+bool NeedsLenses(const Scene& scene, const FocalLengthOptions& options) {
+  return options.calibrate &&
          std::any_of(scene.cameras.begin(), scene.cameras.end(),
                      [](const Camera& camera) {
                        return !camera.has_prior_focal_length ||
@@ -328,25 +304,22 @@ void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
   for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
     const std::string camera =
         "focal length of " + CameraLabel(scene, estimate.camera_idx);
-    char numbers[96];
-    if (estimate.estimated_px) {
-      std::snprintf(numbers, sizeof(numbers),
-                    ": %.2f px (initially %.2f) +- %.2f",
-                    *estimate.estimated_px, estimate.prior_px,
-                    *estimate.estimated_px * *estimate.sigma);
-      context.Info(camera + numbers);
-    } else {
-      std::snprintf(numbers, sizeof(numbers),
-                    ": starts at %.2f px (initially %.2f): ",
-                    focal_lengths.cameras[estimate.camera_idx].params[0],
-                    estimate.prior_px);
-      context.Info(camera + numbers + estimate.message);
-    }
+    context.Info(
+        camera +
+        (estimate.estimated_px
+             ? Formatted(": %.2f px (initially %.2f) +- %.2f",
+                         *estimate.estimated_px, estimate.prior_px,
+                         *estimate.estimated_px * *estimate.sigma)
+             : Formatted(": starts at %.2f px (initially %.2f): ",
+                         focal_lengths.cameras[estimate.camera_idx].params[0],
+                         estimate.prior_px) +
+                   estimate.message));
   }
 }
 
-void StateInitialFocalLengths(const Scene& scene, MapperModel* model) {
-  for (FocalLengthCheck& check : model->focal_lengths) {
+void StateInitialFocalLengths(const Scene& scene,
+                              std::vector<FocalLengthCheck>* checks) {
+  for (FocalLengthCheck& check : *checks) {
     check.prior_px = FirstFocalLength(scene.cameras[check.camera_idx]);
   }
 }
@@ -384,60 +357,53 @@ std::vector<Camera> StartOfLenses(const std::vector<Camera>& given,
 }
 
 LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
-                           const MapperOptions& options,
-                           const Context& context) {
+                           const LensOptions& options, const Context& context) {
   const Scene& scene = input.scene;
   LensResult result;
   LensSummary& summary = result.summary;
   result.lenses = FirstLenses(input, options, &summary);
   if (summary.lenses.empty()) return result;
-  const MapperOptions of_rounds = OptionsOfRounds(options);
   std::optional<Reconstruction> model;
   size_t num_frames = kNumFramesOfFirst;
   for (int i = 0; i < options.focal_lengths.max_num_rounds; ++i) {
-    const ViewGraph pairs =
-        PairsWithin(scene, input.matches,
-                    SelectFrames(scene, input.matches, num_frames), model);
-    const MapperResult mapped =
-        map(result.lenses, pairs, of_rounds, Quiet(context));
-    if (mapped.models.empty()) break;
-    model = mapped.models[0].reconstruction;
+    const auto mapped =
+        map(result.lenses,
+            PairsWithin(scene, input.matches,
+                        SelectFrames(scene, input.matches, num_frames), model));
+    if (!mapped) break;
+    model = mapped->reconstruction;
     const double change_px =
-        Adopt(mapped.models[0], options.bundle_adjustment,
+        Adopt(*model, mapped->focal_lengths, options.bundle_adjustment,
               /*of_determined=*/false, &result.lenses.cameras);
     ++summary.num_rounds;
     LogRound(summary, std::min(num_frames, scene.frames.size()), change_px,
              context);
-    const bool is_determined =
-        DeterminesAll(summary, mapped.models[0], options.bundle_adjustment);
     const bool needs_frames =
-        !is_determined && num_frames < scene.frames.size();
+        !DeterminesAll(summary, *mapped, options.bundle_adjustment) &&
+        num_frames < scene.frames.size();
     if (!needs_frames &&
-        change_px <= kMaxChangeOfRound * options.view_graph.max_error_px) {
+        change_px <= kMaxChangeOfRound * options.max_error_px) {
       break;
     }
     if (needs_frames || num_frames < kNumFramesOfTurn) num_frames *= 2;
   }
-  if (model) {
-    SelectModels(input, *model, options, Quiet(context), &result);
-  }
+  Context quiet = context;
+  quiet.log = nullptr;
+  if (model) SelectModels(input, *model, options, quiet, &result);
   LogLenses(scene, result, context);
   return result;
 }
 
-MapperResult MapWithLenses(const ViewGraph& matches, const LensMapper& map,
-                           const MapperOptions& options, const Context& context,
-                           LensResult* lenses) {
-  MapperResult mapped = map(lenses->lenses, matches, options, context);
+bool UpdateLenses(const Reconstruction& model,
+                  const std::vector<FocalLengthCheck>& checks,
+                  const LensOptions& options, LensResult* lenses) {
   std::vector<Camera> cameras = lenses->lenses.cameras;
-  if (mapped.models.empty()) return mapped;
-  const double change_px = Adopt(mapped.models[0], options.bundle_adjustment,
+  const double change_px = Adopt(model, checks, options.bundle_adjustment,
                                  /*of_determined=*/true, &cameras);
-  if (change_px <= kMaxChange * options.view_graph.max_error_px) return mapped;
+  if (change_px <= kMaxChange * options.max_error_px) return false;
   lenses->lenses.cameras = std::move(cameras);
   ++lenses->summary.num_rounds;
-  context.Info("the lenses changed; the scene is mapped again with them");
-  return map(lenses->lenses, matches, options, context);
+  return true;
 }
 
 double LensChangePx(const Camera& before, const Camera& after) {

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/shared_calibration.h"
+#include "soft_rig/shared_calibration.h"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <string>
 #include <utility>
 
 #include "bundle_adjustment/problem_builder.h"
@@ -101,6 +99,11 @@ bool HasLength(const std::optional<SensorPosePrior>& prior) {
   return prior && !prior->sqrt_information.rightCols<3>().isZero(0.0);
 }
 
+bool HasLength(const CalibrationPrior& prior) {
+  return std::any_of(prior.sensors.begin(), prior.sensors.end(),
+                     [](const auto& sensor) { return HasLength(sensor); });
+}
+
 // The probability that four times F of four and nine degrees of freedom
 // exceeds `value`: more than that of three coordinates.
 double ChanceOf(double value) {
@@ -140,21 +143,18 @@ std::optional<RigDifference> Compare(int sensor_idx, const RigSensor& prior,
 
 }  // namespace
 
-void SharedCalibration::Learn(const MapperModel& model,
+void SharedCalibration::Learn(const Reconstruction& model,
                               const PositionPriors& positions,
+                              const std::optional<RigDelays>& delays,
                               const BundleAdjustmentOptions& options,
                               const Context& context) {
-  if (!model.rig_differences.empty()) return;
-  const Reconstruction& reconstruction = model.reconstruction;
   BundlePriors priors;
-  if (model.position_priors && model.position_priors->is_registered) {
-    priors.positions = positions;
-  }
-  priors.calibration = PriorFor(FramesWith(reconstruction.rig_from_world));
-  const EstimatedRig rig = EstimateRig(
-      scene_, reconstruction,
-      ComputeCovariances(scene_, reconstruction, options, context, priors),
-      model.delays, options, nullptr);
+  priors.positions = positions;
+  priors.calibration = PriorFor(FramesWith(model.rig_from_world));
+  const EstimatedRig rig =
+      EstimateRig(scene_, model,
+                  ComputeCovariances(scene_, model, options, context, priors),
+                  delays, options, nullptr);
   const bool shares_unit = SharesUnit(priors.calibration);
   has_unit_ = true;
   for (size_t i = 0; i < sensors_.size(); ++i) {
@@ -163,14 +163,14 @@ void SharedCalibration::Learn(const MapperModel& model,
     sensors_[i]->has_length &= shares_unit;
   }
   const auto sigmas =
-      ComputeIntrinsicSigmas(scene_, reconstruction, options, context, priors);
+      ComputeIntrinsicSigmas(scene_, model, options, context, priors);
   if (!sigmas) return;
   cameras_.intrinsics.resize(scene_.cameras.size());
   cameras_.intrinsic_sigmas.resize(scene_.cameras.size());
   for (size_t i = 0; i < sigmas->size(); ++i) {
     if (has_lens_[i] || (*sigmas)[i].empty()) continue;
     has_lens_[i] = true;
-    cameras_.intrinsics[i] = reconstruction.cameras[i].params;
+    cameras_.intrinsics[i] = model.cameras[i].params;
     cameras_.intrinsic_sigmas[i] = (*sigmas)[i];
   }
 }
@@ -225,17 +225,15 @@ std::vector<RigDifference> SharedCalibration::FindDifferences(
   return compare(estimate_delays());
 }
 
-bool HasLength(const CalibrationPrior& prior) {
-  return std::any_of(prior.sensors.begin(), prior.sensors.end(),
-                     [](const auto& sensor) { return HasLength(sensor); });
-}
-
-Scene WithKnownSensors(Scene scene, const CalibrationPrior& prior) {
+std::optional<Scene> WithKnownSensors(const Scene& scene,
+                                      const CalibrationPrior& prior) {
+  std::optional<Scene> with_rig;
   for (size_t i = 0; i < prior.sensors.size(); ++i) {
     if (!HasLength(prior.sensors[i])) continue;
-    scene.sensors[i].sensor_from_rig = prior.sensors[i]->sensor_from_rig;
+    if (!with_rig) with_rig = scene;
+    with_rig->sensors[i].sensor_from_rig = prior.sensors[i]->sensor_from_rig;
   }
-  return scene;
+  return with_rig;
 }
 
 void StartAtPrior(const CalibrationPrior& prior, Reconstruction* model) {
@@ -257,47 +255,6 @@ void StartAtPrior(const CalibrationPrior& prior, Reconstruction* model) {
     pose->rotation = known.rotation;
     if (HasLength(prior.sensors[i])) pose->translation = known.translation;
   }
-}
-
-std::vector<Finding> DescribeRigDifferences(
-    const Scene& scene, const std::vector<MapperModel>& models) {
-  std::vector<Finding> findings;
-  for (size_t m = 0; m < models.size(); ++m) {
-    const auto& poses = models[m].reconstruction.rig_from_world;
-    std::vector<std::string> frames;  // the first and the last one
-    for (size_t f = 0; f < poses.size(); ++f) {
-      if (!poses[f]) continue;
-      frames.resize(std::min<size_t>(frames.size() + 1, 2));
-      frames.back() = scene.frames[f].name;
-    }
-    for (const RigDifference& d : models[m].rig_differences) {
-      const std::string& camera = scene.sensors[d.sensor_idx].name;
-      char text[128];
-      int length = std::snprintf(text, sizeof(text), "%.3g +- %.2g deg",
-                                 d.rotation_deg, d.sigma_rotation_deg);
-      if (d.distance) {
-        std::snprintf(text + length, sizeof(text) - length,
-                      " and %.3g +- %.2g units of length", *d.distance,
-                      d.sigma_distance);
-      }
-      findings.push_back({Cause::kRigDiffers,
-                          {camera},
-                          frames,
-                          {{"model", static_cast<double>(m)},
-                           {"rotation_deg", d.rotation_deg},
-                           {"sigma_rotation_deg", d.sigma_rotation_deg},
-                           {"distance", d.distance.value_or(0.0)},
-                           {"sigma_distance", d.sigma_distance}},
-                          "the pose of camera '" + camera +
-                              "' in the rig of model " + std::to_string(m) +
-                              " differs from that in a larger model by " +
-                              text + ", so that model " + std::to_string(m) +
-                              " has a rig of its own",
-                          "check whether the rig changed, and whether the "
-                          "images of the model match rightly"});
-    }
-  }
-  return findings;
 }
 
 }  // namespace mgsfm
