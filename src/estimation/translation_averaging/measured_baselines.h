@@ -3,14 +3,14 @@
 
 #include <vector>
 
-#include "pair_filtering/baseline_consistency.h"
+#include "pair_filtering/skeleton_consistency.h"
 #include "translation_averaging/baseline_directions.h"
 #include "translation_averaging/position_problem.h"
 #include "translation_averaging/scale_averaging.h"
 
 namespace mgsfm {
 
-// The inputs of baseline consistency (pair_filtering/baseline_consistency.h)
+// The inputs of baseline consistency (pair_filtering/skeleton_consistency.h)
 // from the values of translation averaging.
 
 // Per direction: the baseline scale * group_factor * direction. Pairs in the
