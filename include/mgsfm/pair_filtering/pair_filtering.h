@@ -72,13 +72,15 @@ struct PairFilteringOptions {
       "Reject pairs whose rotation is beyond the drift bound of the skeletal "
       "graph."};
   Option<bool> use_turning_loops{
-      "use_turning_loops", false,
+      "use_turning_loops", true,
       "Reject loop pairs of a sequence if, with them, nearly all pairs of "
-      "neighbors across a step contradict its rotation in the same way."};
+      "neighbors across a step contradict its rotation in the same way, and "
+      "all loops across it show one place."};
   Option<bool> use_unsupported_bridges{
       "use_unsupported_bridges", true,
       "Reject a pair that alone connects two components if it has no triplet "
-      "support and other pairs contradict it."};
+      "support and other pairs contradict it, and loop pairs of one place that "
+      "alone connect two parts of a sequence."};
   Option<bool> use_motion_continuity{
       "use_motion_continuity", true,
       "Reject pairs of a sequence that show an object moving along with the "
@@ -115,7 +117,7 @@ struct PairFilteringOptions {
   // Upper limit of the drift bound of rotations.
   double max_rotation_drift_deg = 17.0;
   // A bridge is rejected if the pairs that contradict it have at least this
-  // multiple of its matches.
+  // multiple of its matches. In a sequence, only neighbors count.
   double min_share_against_bridge = 0.5;
   // Largest drift bound of positions, as a share of the path length. It is
   // tightened to a tenth while positions violate the skeletal graph.
@@ -208,13 +210,15 @@ inline constexpr PairRule kPairRules[] = {
      "than its drift explains"},
     {"turning loops", "rotation averaging", RejectionReason::kTurningLoop,
      &PairFilteringOptions::use_turning_loops,
-     "loop pairs of a sequence across a step whose averaged rotation nearly "
-     "all pairs of neighbors contradict in the same way"},
+     "loop pairs of a sequence that show one place, across a step whose "
+     "averaged rotation nearly all pairs of neighbors contradict in the same "
+     "way"},
     {"unsupported bridges", "rotation averaging",
      RejectionReason::kUnsupportedBridge,
      &PairFilteringOptions::use_unsupported_bridges,
      "pairs that alone connect two components, without triplet support, and "
-     "that other pairs contradict"},
+     "that other pairs contradict; loop pairs of one place that alone connect "
+     "two parts of a sequence"},
     {"baseline drift bound", "L1 positions of the skeletal graph",
      RejectionReason::kBaselineBeyondDriftBound,
      &PairFilteringOptions::use_baseline_drift_bound,

@@ -44,6 +44,9 @@ namespace mgsfm {
 //   jump           if neighbors in time on both sides contradict the motion of
 //                  the rig. It is the weakest cut between them, and its
 //                  confidence is 0.
+//   one place      if no neighbors of a sequence connect its sides, but loops
+//   of
+//                  one place, which can look alike. Its confidence is 0.
 //   contradicted   if the share against it is large. Nothing counts against a
 //                  cut across which frames confirm the motion of the rig.
 //
@@ -65,6 +68,7 @@ enum class SeamReason {
   kFewTies,       // few points tie the sides together
   kContradicted,  // a group of rejected pairs disagrees with the model
   kJump,          // neighbors in time are not where the rig moved
+  kOnePlace,      // only loops of one place join the sides
 };
 
 template <>
@@ -72,7 +76,8 @@ struct EnumTable<SeamReason> {
   static constexpr std::pair<std::string_view, SeamReason> kNames[] = {
       {"few_ties", SeamReason::kFewTies},
       {"contradicted", SeamReason::kContradicted},
-      {"jump", SeamReason::kJump}};
+      {"jump", SeamReason::kJump},
+      {"one_place", SeamReason::kOnePlace}};
 };
 
 struct Seam {

@@ -7,8 +7,8 @@
 
 #include "mgsfm/base/mask.h"
 #include "mgsfm/scene/estimates.h"
-#include "pair_filtering/baseline_consistency.h"
 #include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/skeleton_consistency.h"
 
 namespace mgsfm {
 
@@ -51,13 +51,14 @@ using StepDeviations = std::vector<std::optional<Eigen::Vector3d>>;
 // Per frame: the pairs contradict the rotation of the step to it, as their
 // common deviation Log(R_j^T R_ij R_i) exceeds kMinTurn. Duplicate structures
 // that are some degrees off turn the whole trajectory at the step that the
-// fewest pairs cross. Correct loop pairs seldom do that. They correct the
-// drift, which is spread over all steps.
+// fewest pairs cross.
 [[nodiscard]] Mask FindTurnedSteps(const PairEvidence& evidence,
                                    const RotationEstimate& rotations);
 
-// The used loop pairs of one sequence with a turned step between their frames.
-// Per pair.
+// The used loop pairs of one sequence with a turned step between their frames,
+// unless those of two places or more, of several frames each, agree: then the
+// few neighbors across the step are wrong. Places are groups of pairs
+// (pair_verdicts.h). Per pair.
 [[nodiscard]] Mask FindTurningLoops(const PairEvidence& evidence,
                                     const Mask& step_is_turned);
 

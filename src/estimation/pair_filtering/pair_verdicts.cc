@@ -1,11 +1,101 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
-#include <iterator>
+#include "pair_filtering/pair_verdicts.h"
 
+#include <algorithm>
+#include <cstddef>
+#include <cstdlib>
+#include <iterator>
+#include <tuple>
+#include <utility>
+
+#include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 
 namespace mgsfm {
+namespace {
+
+// Bridges short gaps in the matches of a structure; affects the report only.
+constexpr int kMaxFrameGap = 3;
+
+// The rejected pairs of two frames.
+struct RejectedLink {
+  int frame_idx1;
+  int frame_idx2;
+  std::vector<size_t> pair_idxs;
+};
+
+std::vector<RejectedLink> CollectLinks(const FramePairIndex& index,
+                                       const Mask& pair_is_rejected) {
+  std::vector<RejectedLink> links;
+  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+    RejectedLink link{frames.frame_idx1, frames.frame_idx2, {}};
+    for (const size_t i : frames.pair_idxs) {
+      if (pair_is_rejected[i]) link.pair_idxs.push_back(i);
+    }
+    if (!link.pair_idxs.empty()) links.push_back(std::move(link));
+  }
+  return links;
+}
+
+// `links` are sorted by their first frame.
+UnionFind JoinNeighbors(const std::vector<RejectedLink>& links) {
+  UnionFind sets(links.size());
+  for (size_t i = 0; i < links.size(); ++i) {
+    for (size_t k = i + 1; k < links.size(); ++k) {
+      if (links[k].frame_idx1 - links[i].frame_idx1 > kMaxFrameGap) break;
+      if (std::abs(links[k].frame_idx2 - links[i].frame_idx2) <= kMaxFrameGap) {
+        sets.Union(i, k);
+      }
+    }
+  }
+  return sets;
+}
+
+}  // namespace
+
+std::vector<RejectedGroup> GroupRejectedPairs(const FramePairIndex& index,
+                                              const Mask& pair_is_rejected) {
+  MGSFM_CHECK_EQ(pair_is_rejected.size(), index.num_pairs());
+  const std::vector<RejectedLink> links = CollectLinks(index, pair_is_rejected);
+  UnionFind sets = JoinNeighbors(links);
+  std::vector<RejectedGroup> group_of_set(links.size());
+  for (size_t i = 0; i < links.size(); ++i) {
+    const auto& [frame1, frame2, pair_idxs] = links[i];
+    RejectedGroup& group = group_of_set[sets.Find(i)];
+    if (group.pair_idxs.empty()) group = {{}, frame1, frame1, frame2, frame2};
+    group.pair_idxs.insert(group.pair_idxs.end(), pair_idxs.begin(),
+                           pair_idxs.end());
+    group.first_frame_idx1 = std::min(group.first_frame_idx1, frame1);
+    group.last_frame_idx1 = std::max(group.last_frame_idx1, frame1);
+    group.first_frame_idx2 = std::min(group.first_frame_idx2, frame2);
+    group.last_frame_idx2 = std::max(group.last_frame_idx2, frame2);
+  }
+  std::vector<RejectedGroup> groups;
+  for (RejectedGroup& group : group_of_set) {
+    if (!group.pair_idxs.empty()) groups.push_back(std::move(group));
+  }
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const RejectedGroup& a, const RejectedGroup& b) {
+                     return std::tuple(b.pair_idxs.size(), a.first_frame_idx1,
+                                       a.first_frame_idx2) <
+                            std::tuple(a.pair_idxs.size(), b.first_frame_idx1,
+                                       b.first_frame_idx2);
+                   });
+  return groups;
+}
+
+std::string DescribeRejectedGroup(const Scene& scene,
+                                  const RejectedGroup& group) {
+  const auto name = [&](int frame_idx) {
+    return "'" + scene.frames[frame_idx].name + "'";
+  };
+  return std::to_string(group.pair_idxs.size()) + " pairs between frames " +
+         name(group.first_frame_idx1) + " to " + name(group.last_frame_idx1) +
+         " and " + name(group.first_frame_idx2) + " to " +
+         name(group.last_frame_idx2) +
+         " contradict the other pairs and are not used";
+}
 
 bool IsRuleOn(RejectionReason reason, const PairFilteringOptions& options) {
   const auto rule =

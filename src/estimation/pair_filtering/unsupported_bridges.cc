@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <map>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -105,24 +106,16 @@ void VisitComponent(const LinkGraph& graph, int root, int* num_entered,
   }
 }
 
-// The graph without the links in `is_left_out`.
-LinkGraph LeaveOut(const LinkGraph& graph, const Mask& is_left_out) {
+LinkGraph WithoutLoops(const LinkGraph& graph) {
   LinkGraph rest;
   rest.links_of_frame.resize(graph.links_of_frame.size());
-  for (size_t k = 0; k < graph.links.size(); ++k) {
-    if (is_left_out[k]) continue;
-    rest.links_of_frame[graph.links[k].frame_idx1].push_back(rest.links.size());
-    rest.links_of_frame[graph.links[k].frame_idx2].push_back(rest.links.size());
-    rest.links.push_back(graph.links[k]);
+  for (const Link& link : graph.links) {
+    if (link.is_loop) continue;
+    rest.links_of_frame[link.frame_idx1].push_back(rest.links.size());
+    rest.links_of_frame[link.frame_idx2].push_back(rest.links.size());
+    rest.links.push_back(link);
   }
   return rest;
-}
-
-Mask LoopLinks(const LinkGraph& graph) {
-  Mask is_loop(graph.links.size());
-  for (size_t k = 0; k < is_loop.size(); ++k)
-    is_loop[k] = graph.links[k].is_loop;
-  return is_loop;
 }
 
 DepthFirstForest VisitDepthFirst(const LinkGraph& graph) {
@@ -169,7 +162,8 @@ bool IsUnsupportedAmongSupported(const LinkGraph& graph,
 }
 
 // Matches of inconsistent pairs between the frames below `top` and the rest of
-// its component.
+// its component. In a sequence, those of neighbors only: the number of wrong
+// loops across a cut grows with the length of the sequence.
 int CountMatchesAgainst(const PairEvidence& evidence,
                         const DepthFirstForest& forest,
                         const VisitedFrame& top) {
@@ -178,7 +172,8 @@ int CountMatchesAgainst(const PairEvidence& evidence,
     const VisitedFrame& visited1 = *forest[frames.frame_idx1];
     const VisitedFrame& visited2 = *forest[frames.frame_idx2];
     if (visited1.root != top.root || visited2.root != top.root ||
-        top.Contains(visited1) == top.Contains(visited2)) {
+        top.Contains(visited1) == top.Contains(visited2) ||
+        evidence.index.IsLoop(frames)) {
       continue;
     }
     for (const size_t i : frames.pair_idxs) {
@@ -203,9 +198,8 @@ Mask FindBridges(const PairEvidence& evidence, const LinkGraph& graph) {
       continue;
     }
     const Link& bridge = graph.links[*top->link_to_parent];
-    if (!bridge.is_loop &&
-        CountMatchesAgainst(evidence, forest, *top) <
-            evidence.options.min_share_against_bridge * bridge.num_matches) {
+    if (CountMatchesAgainst(evidence, forest, *top) <
+        evidence.options.min_share_against_bridge * bridge.num_matches) {
       continue;
     }
     for (const size_t i : bridge.pair_idxs) is_unsupported[i] = true;
@@ -213,36 +207,89 @@ Mask FindBridges(const PairEvidence& evidence, const LinkGraph& graph) {
   return is_unsupported;
 }
 
-// Rejects the loop links between frames that the other links do not connect.
-void RejectLoopsBetweenParts(const LinkGraph& graph, const Mask& is_loop,
-                             Mask* pair_is_unsupported) {
+bool ShareMatches(const PairEvidence& evidence, int frame_idx1,
+                  int frame_idx2) {
+  if (frame_idx1 == frame_idx2) return true;
+  const FramePair* frames = evidence.index.Find(frame_idx1, frame_idx2);
+  return frames != nullptr &&
+         std::any_of(frames->pair_idxs.begin(), frames->pair_idxs.end(),
+                     [&](size_t i) { return evidence.pair_is_used[i]; });
+}
+
+// Rejects the loop links between parts that the links of neighbors do not
+// connect, and that loops of one place alone join.
+void RejectLoopsOfOnePlace(const PairEvidence& evidence, const LinkGraph& graph,
+                           Mask* pair_is_unsupported) {
   UnionFind parts(graph.links_of_frame.size());
-  for (size_t k = 0; k < graph.links.size(); ++k) {
-    const Link& link = graph.links[k];
-    if (is_loop[k] || (*pair_is_unsupported)[link.pair_idxs.front()]) continue;
-    parts.Union(link.frame_idx1, link.frame_idx2);
+  bool has_loops = false;
+  for (const Link& link : graph.links) {
+    has_loops |= link.is_loop;
+    if (!link.is_loop) parts.Union(link.frame_idx1, link.frame_idx2);
   }
+  if (!has_loops) return;
+  std::vector<std::vector<int>> frames_of_part(graph.links_of_frame.size());
+  for (size_t f = 0; f < frames_of_part.size(); ++f) {
+    frames_of_part[parts.Find(f)].push_back(static_cast<int>(f));
+  }
+  const Mask link_is_supported = FindSupportedLinks(graph, evidence);
+  std::map<std::pair<size_t, size_t>, std::vector<std::pair<int, int>>> joins;
   for (size_t k = 0; k < graph.links.size(); ++k) {
-    const Link& link = graph.links[k];
-    if (!is_loop[k] ||
-        parts.Find(link.frame_idx1) == parts.Find(link.frame_idx2)) {
-      continue;
+    const int frame1 = graph.links[k].frame_idx1;
+    const int frame2 = graph.links[k].frame_idx2;
+    const size_t part1 = parts.Find(frame1), part2 = parts.Find(frame2);
+    if (part1 == part2 || !link_is_supported[k]) continue;
+    if (part1 < part2) {
+      joins[{part1, part2}].emplace_back(frame1, frame2);
+    } else {
+      joins[{part2, part1}].emplace_back(frame2, frame1);
     }
+  }
+  for (const auto& [of_parts, links] : joins) {
+    const auto& [part1, part2] = of_parts;
+    if (!ShowOnePlace(evidence, links, frames_of_part[part1],
+                      frames_of_part[part2])) {
+      parts.Union(part1, part2);
+    }
+  }
+  for (const Link& link : graph.links) {
+    if (parts.Find(link.frame_idx1) == parts.Find(link.frame_idx2)) continue;
     for (const size_t i : link.pair_idxs) (*pair_is_unsupported)[i] = true;
   }
 }
 
 }  // namespace
 
+bool ShowOnePlace(const PairEvidence& evidence,
+                  const std::vector<std::pair<int, int>>& links,
+                  const std::vector<int>& frame_idxs1,
+                  const std::vector<int>& frame_idxs2) {
+  for (size_t i = 0; i < links.size(); ++i) {
+    for (size_t k = 0; k < i; ++k) {
+      if (!ShareMatches(evidence, links[i].first, links[k].first) &&
+          !ShareMatches(evidence, links[i].second, links[k].second)) {
+        return false;
+      }
+    }
+  }
+  const auto has_other_places = [&](const std::vector<int>& frame_idxs,
+                                    int std::pair<int, int>::*linked) {
+    return std::any_of(frame_idxs.begin(), frame_idxs.end(), [&](int frame) {
+      return std::none_of(links.begin(), links.end(), [&](const auto& link) {
+        return ShareMatches(evidence, frame, link.*linked);
+      });
+    });
+  };
+  return has_other_places(frame_idxs1, &std::pair<int, int>::first) &&
+         has_other_places(frame_idxs2, &std::pair<int, int>::second);
+}
+
 Mask FindUnsupportedBridges(const PairEvidence& evidence) {
   MGSFM_CHECK_EQ(evidence.index.num_pairs(), evidence.view_graph.pairs.size());
   MGSFM_CHECK_EQ(evidence.pair_is_used.size(),
                  evidence.view_graph.pairs.size());
   const LinkGraph graph = BuildLinkGraph(evidence);
-  Mask is_loop = LoopLinks(graph);
-  if (is_loop.Any()) is_loop.Remove(FindSupportedLinks(graph, evidence));
-  Mask is_unsupported = FindBridges(evidence, LeaveOut(graph, is_loop));
-  RejectLoopsBetweenParts(graph, is_loop, &is_unsupported);
+  Mask is_unsupported = FindBridges(evidence, WithoutLoops(graph));
+  RejectLoopsOfOnePlace(evidence, graph, &is_unsupported);
   return is_unsupported;
 }
 

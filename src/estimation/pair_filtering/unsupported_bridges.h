@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <utility>
+#include <vector>
+
 #include "mgsfm/base/mask.h"
 #include "pair_filtering/frame_pair_index.h"
 
@@ -17,19 +20,30 @@ namespace mgsfm {
 //   none of its matches is triplet-consistent,
 //   some match of another link of one of its frames is, and
 //   the inconsistent pairs between the two components have, together, at least
-//   min_share_against_bridge times as many matches, or the link is a loop: its
-//   frames are distant in a sequence.
-//
-// In a sequence, loop links without triplet-consistent matches connect nothing:
-// bridges are those of the graph without them, and such loops between parts
-// that nothing else connects are unsupported, however many there are.
+//   min_share_against_bridge times as many matches. In a sequence, only
+//   neighbors count: the wrong loops across a cut grow with its length.
 //
 // The third condition spares chains in which only neighbors were matched: they
 // have no triplets, and one wrong pair would cut them all.
 //
+// In a sequence, loops (links of distant frames) are not part of this graph.
+// They connect two parts only if they have triplet-consistent matches and show
+// more than one place. Structures that look alike can have hundreds of matches
+// that agree with each other, but next to them, the parts show other things.
+//
 // Consistent pairs are those of pair_is_used. Cost: linear in the links;
-// if some are bridges, in the matches; and the number of bridges without
-// support times the number of inconsistent pairs.
+// if some are bridges, in the matches; the number of bridges without support
+// times the number of inconsistent pairs; and the square of the number of loops
+// that join two parts.
 [[nodiscard]] Mask FindUnsupportedBridges(const PairEvidence& evidence);
+
+// Whether loops, the only links between two sets of frames, show one place of
+// each, although both sets also show others. Loops show two places if two of
+// them have no common frame, nor a consistent pair between their frames, at
+// either end. `links` has the frames of the first set first.
+[[nodiscard]] bool ShowOnePlace(const PairEvidence& evidence,
+                                const std::vector<std::pair<int, int>>& links,
+                                const std::vector<int>& frame_idxs1,
+                                const std::vector<int>& frame_idxs2);
 
 }  // namespace mgsfm

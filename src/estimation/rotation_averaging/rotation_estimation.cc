@@ -9,8 +9,8 @@
 #include "geometry/so3.h"
 #include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "pair_filtering/rotation_consistency.h"
 #include "pair_filtering/skeletal_graph.h"
+#include "pair_filtering/skeleton_consistency.h"
 #include "pair_filtering/unsupported_bridges.h"
 #include "rotation_averaging/rotation_components.h"
 
@@ -75,17 +75,28 @@ RotationEstimate AverageSkeleton(const RotationInput& input,
       .estimate;
 }
 
-void LogBridges(const Scene& scene, const ViewGraph& view_graph,
-                const Mask& is_bridge, const Context& context) {
+void LogBridges(const RotationInput& input, const Mask& is_bridge,
+                const Context& context) {
+  int num_loops = 0;
   for (size_t i = 0; i < is_bridge.size(); ++i) {
     if (!is_bridge[i]) continue;
-    const ImagePair& pair = view_graph.pairs[i];
-    context.Info("The pair of images '" + scene.images[pair.image_idx1].name +
-                 "' and '" + scene.images[pair.image_idx2].name +
+    if (input.index.IsLoop(input.index.Of(i))) {
+      ++num_loops;
+      continue;
+    }
+    const ImagePair& pair = input.view_graph.pairs[i];
+    context.Info("The pair of images '" +
+                 input.scene.images[pair.image_idx1].name + "' and '" +
+                 input.scene.images[pair.image_idx2].name +
                  "' is rejected: it alone would connect two components of "
                  "frames, no third image supports its matches, and other "
                  "pairs contradict it. The components stay apart.");
   }
+  if (num_loops == 0) return;
+  context.Info(std::to_string(num_loops) +
+               " loop pairs are rejected: they alone would connect parts of "
+               "the sequence, and show only one place of either part. The "
+               "parts stay apart; match more frames between them.");
 }
 
 Mask PairsWithUnknownSensor(const Scene& scene, const ViewGraph& view_graph,
@@ -183,41 +194,64 @@ SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
   return result;
 }
 
-// Averages without the loop pairs that turn steps of a sequence: again, until
-// no step is turned by a loop. Removes them from the used pairs.
-AveragedRotations AverageWithoutTurningLoops(const RotationInput& input,
-                                             const SkeletonResult& skeleton,
-                                             const RotationOptions& options,
-                                             const Context& context,
-                                             Mask* is_used) {
-  while (true) {
-    AveragedRotations averaged = AverageWithGravity(
-        input, *is_used, skeleton.start ? &*skeleton.start : nullptr,
-        options.averaging, context);
-    if (!IsRuleOn(RejectionReason::kTurningLoop, options.filtering)) {
-      return averaged;
-    }
-    const PairEvidence evidence{input.scene,       input.index,
-                                input.view_graph,  *is_used,
-                                options.filtering, context.num_threads};
-    const Mask is_turning = FindTurningLoops(
-        evidence, FindTurnedSteps(evidence, averaged.result.estimate));
-    if (!is_turning.Any()) return averaged;
-    is_used->Remove(is_turning);
+// The rotations by the pairs that remain, and the pairs that rules reject.
+struct SupportedRotations {
+  AveragedRotations averaged;
+  Mask turns_step;
+  Mask is_bridge;
+};
+
+// Moves pairs from the used ones to the rejected ones.
+void Move(const Mask& pairs, Mask* is_used, Mask* is_rejected) {
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (!pairs[i]) continue;
+    (*is_used)[i] = false;
+    (*is_rejected)[i] = true;
   }
 }
 
-Mask FindBridges(const RotationInput& input, const Mask& pair_is_inlier,
-                 const PairFilteringOptions& filtering,
-                 const Context& context) {
-  if (!IsRuleOn(RejectionReason::kUnsupportedBridge, filtering)) {
-    return Mask(pair_is_inlier.size(), false);
+Mask LoopsOf(const FramePairIndex& index, Mask pairs) {
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (!index.IsLoop(index.Of(i))) pairs[i] = false;
   }
-  Mask is_bridge =
-      FindUnsupportedBridges({input.scene, input.index, input.view_graph,
-                              pair_is_inlier, filtering, context.num_threads});
-  LogBridges(input.scene, input.view_graph, is_bridge, context);
-  return is_bridge;
+  return pairs;
+}
+
+// Averages again without the loops that turn a step or join parts without
+// support, until there are none: they can have outvoted correct neighbors.
+SupportedRotations AverageSupported(const RotationInput& input,
+                                    const SkeletonResult& skeleton,
+                                    const RotationOptions& options,
+                                    const Context& context, Mask is_used) {
+  const Mask none(is_used.size(), false);
+  SupportedRotations result{{}, none, none};
+  const auto evidence_of = [&](const Mask& pairs) {
+    return PairEvidence{input.scene, input.index,       input.view_graph,
+                        pairs,       options.filtering, context.num_threads};
+  };
+  while (true) {
+    result.averaged = AverageWithGravity(
+        input, is_used, skeleton.start ? &*skeleton.start : nullptr,
+        options.averaging, context);
+    const RotationEstimate& estimate = result.averaged.result.estimate;
+    if (IsRuleOn(RejectionReason::kTurningLoop, options.filtering)) {
+      const PairEvidence evidence = evidence_of(is_used);
+      const Mask turns_step =
+          FindTurningLoops(evidence, FindTurnedSteps(evidence, estimate));
+      if (turns_step.Any()) {
+        Move(turns_step, &is_used, &result.turns_step);
+        continue;
+      }
+    }
+    if (!IsRuleOn(RejectionReason::kUnsupportedBridge, options.filtering)) {
+      return result;
+    }
+    const Mask is_bridge =
+        FindUnsupportedBridges(evidence_of(estimate.pair_is_inlier));
+    const Mask loops = LoopsOf(input.index, is_bridge);
+    Move(loops.Any() ? loops : is_bridge, &is_used, &result.is_bridge);
+    if (!loops.Any() || !is_used.Any()) return result;
+  }
 }
 
 }  // namespace
@@ -241,14 +275,11 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
   const SkeletonResult skeleton =
       FilterBySkeleton(input, is_used, options, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);
-  Mask turns_steps = is_used;
-  AveragedRotations averaged =
-      AverageWithoutTurningLoops(input, skeleton, options, context, &is_used);
-  turns_steps.Remove(is_used);
+  auto [averaged, turns_step, is_bridge] =
+      AverageSupported(input, skeleton, options, context, is_used);
+  LogBridges(input, is_bridge, context);
   result.gravity_rejection = std::move(averaged.gravity_rejection);
   Mask is_kept = averaged.result.estimate.pair_is_inlier;
-  const Mask is_bridge =
-      FindBridges(input, is_kept, options.filtering, context);
   is_kept.Remove(is_bridge);
   result.estimate = RestrictToPairs(scene, view_graph, is_kept,
                                     std::move(averaged.result.estimate));
@@ -262,7 +293,7 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
          RejectionReason::kUnknownSensorRotation, &result.verdicts);
   Reject(skeleton.is_beyond_drift_bound,
          RejectionReason::kRotationBeyondDriftBound, &result.verdicts);
-  Reject(turns_steps, RejectionReason::kTurningLoop, &result.verdicts);
+  Reject(turns_step, RejectionReason::kTurningLoop, &result.verdicts);
   Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
   RejectByEstimate(input.index, result.estimate, &result.verdicts);
   return result;

@@ -44,8 +44,9 @@ struct EstimatedRotations {
 //
 //   skeletal graph -> average its pairs -> reject pairs beyond its drift bound
 //   -> average the others, from the rotations of the skeletal graph
-//   -> reject loop pairs that turn a step (use_turning_loops), average again
-//   -> reject unsupported bridges -> number components.
+//   -> reject loop pairs that turn a step or join parts without support
+//   -> average again, until there are none
+//   -> reject other unsupported bridges -> number components.
 //
 // Gravity priors take part in the second averaging only. They are rejected if
 // they cost more than 5 % of the pairs that agree without them: wrong priors

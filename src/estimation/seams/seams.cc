@@ -9,6 +9,7 @@
 
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "pair_filtering/unsupported_bridges.h"
 #include "scene/point_lookup.h"
 #include "seams/frame_cuts.h"
 
@@ -68,6 +69,7 @@ struct CutEvidence {
   std::vector<double> num_against;
   Mask has_few_ties;
   Mask is_jump;
+  Mask is_one_place;
   Mask motion_is_known;
 
   double ShareAgainst(size_t cut_idx) const {
@@ -76,7 +78,7 @@ struct CutEvidence {
     return sum > 0.0 ? num_against[cut_idx] / sum : 0.0;
   }
   double ConfidenceOf(size_t cut_idx) const {
-    if (is_jump[cut_idx]) return 0.0;
+    if (is_jump[cut_idx] || is_one_place[cut_idx]) return 0.0;
     // n0 of the confidence: pairs of images with fewer inliers are not
     // accepted.
     return (1.0 - ShareAgainst(cut_idx)) * num_tracks[cut_idx] /
@@ -279,8 +281,45 @@ Mask FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
   return is_jump;
 }
 
+// The cuts that loops of one place alone cross.
+Mask FindLoopsOfOnePlace(const ConfidenceInput& input, const FrameCuts& cuts) {
+  const FramePairIndex& index = input.index;
+  Mask is_one_place(cuts.cuts().size(), false);
+  if (!index.is_sequence()) return is_one_place;
+  std::vector<size_t> loops, neighbors;
+  for (size_t i = 0; i < input.pair_is_used.size(); ++i) {
+    if (!input.pair_is_used[i]) continue;
+    (index.IsLoop(index.Of(i)) ? loops : neighbors).push_back(i);
+  }
+  const auto one = [](size_t) { return 1.0; };
+  const std::vector<double> num_loops = SumPairs(index, cuts, loops, one);
+  const std::vector<double> num_neighbors =
+      SumPairs(index, cuts, neighbors, one);
+  const PairFilteringOptions options;
+  const PairEvidence evidence{input.scene, index, input.view_graph,
+                              input.pair_is_used, options};
+  for (size_t k = 0; k < is_one_place.size(); ++k) {
+    if (num_neighbors[k] > 0.0 || num_loops[k] == 0.0) continue;
+    const std::vector<int> below = cuts.FramesOfSide(k, true);
+    const std::vector<int> above = cuts.FramesOfSide(k, false);
+    const auto is_below = [&](int frame) {
+      return std::binary_search(below.begin(), below.end(), frame);
+    };
+    std::vector<std::pair<int, int>> links;
+    for (const size_t i : loops) {
+      const auto& [frame1, frame2, pair_idxs, time_gap] = index.Of(i);
+      if (is_below(frame1) == is_below(frame2)) continue;
+      links.emplace_back(is_below(frame1) ? frame1 : frame2,
+                         is_below(frame1) ? frame2 : frame1);
+    }
+    is_one_place[k] = ShowOnePlace(evidence, links, below, above);
+  }
+  return is_one_place;
+}
+
 std::optional<SeamReason> ReasonOf(const CutEvidence& evidence, size_t cut_idx,
                                    const ConfidenceOptions& options) {
+  if (evidence.is_one_place[cut_idx]) return SeamReason::kOnePlace;
   if (evidence.is_jump[cut_idx]) return SeamReason::kJump;
   if (evidence.has_few_ties[cut_idx]) return SeamReason::kFewTies;
   if (evidence.ShareAgainst(cut_idx) > options.max_share_against) {
@@ -338,6 +377,7 @@ Confidence EstimateConfidence(const ConfidenceInput& input,
   evidence.has_few_ties =
       FindFewTies(input, cuts, std::max(1, options.min_num_ties), &evidence);
   evidence.is_jump = FindJumps(input, cuts, evidence);
+  evidence.is_one_place = FindLoopsOfOnePlace(input, cuts);
   std::vector<double> confidences;
   std::vector<std::pair<double, Seam>> seams;
   for (size_t k = 0; k < cuts.cuts().size(); ++k) {

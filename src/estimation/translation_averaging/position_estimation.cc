@@ -6,9 +6,9 @@
 #include <utility>
 #include <vector>
 
-#include "pair_filtering/baseline_consistency.h"
 #include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/skeletal_graph.h"
+#include "pair_filtering/skeleton_consistency.h"
 #include "translation_averaging/pose_graph.h"
 #include "translation_averaging/scale_averaging.h"
 #include "translation_averaging/translation_stages.h"

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "pair_filtering/baseline_consistency.h"
+#include "pair_filtering/skeleton_consistency.h"
 #include "translation_averaging/baseline_directions.h"
 #include "translation_averaging/position_problem.h"
 
@@ -60,7 +60,7 @@ PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
                          const LengthHints& hints = {});
 
-// The inputs of baseline consistency (pair_filtering/baseline_consistency.h)
+// The inputs of baseline consistency (pair_filtering/skeleton_consistency.h)
 // from the values of translation averaging.
 
 // Per direction: the baseline scale * group_factor * direction. Pairs in the

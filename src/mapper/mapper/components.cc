@@ -5,7 +5,7 @@
 #include <string>
 #include <utility>
 
-#include "pair_filtering/rejected_groups.h"
+#include "pair_filtering/pair_verdicts.h"
 
 namespace mgsfm {
 namespace {

@@ -196,7 +196,9 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
       model.position_priors && model.position_priors->is_registered;
   std::vector<Seam> unconnected, wrong;
   for (const Seam& seam : model.confidence.seams) {
-    const bool is_unconnected = !seam.sigma_position && !has_world;
+    const bool is_unconnected =
+        (!seam.sigma_position || seam.reason == SeamReason::kOnePlace) &&
+        !has_world;
     if (is_unconnected) unconnected.push_back(seam);
     if (is_unconnected || seam.reason == SeamReason::kJump) {
       wrong.push_back(seam);

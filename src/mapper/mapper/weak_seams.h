@@ -27,8 +27,9 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
                                      const Confidence& confidence);
 
 // The seams at which a model is split: with split_jumps, where frames jump, and
-// where the points that cross do not determine the relative pose, so that the
-// sides have no relation unless positions place both. If this left fewer than
+// where loops of one place join the sides, or the points that cross do not
+// determine the relative pose, so that the sides have no relation unless
+// positions place both. If this left fewer than
 // half of the frames in sets of at least min_num_frames, the expected motion of
 // the rig is in doubt rather than the model, and jumps do not split it.
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pair_filtering/baseline_consistency.h"
-
 #include <gtest/gtest.h>
 
 #include "mgsfm/base/mask.h"
+#include "pair_filtering/skeleton_consistency.h"
 
 namespace mgsfm {
 namespace {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pair_filtering/rejected_groups.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "pair_filtering/pair_verdicts.h"
 
 namespace mgsfm {
 namespace {

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pair_filtering/rotation_consistency.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "geometry/so3.h"
-#include "pair_filtering/drift_bound.h"
+#include "pair_filtering/skeleton_consistency.h"
 
 namespace mgsfm {
 namespace {

@@ -139,5 +139,18 @@ TEST(TurnedSteps, SeparateTheFramesOfLoops) {
   EXPECT_EQ(is_across.Count(), 1U);  // neighbors are no loops
 }
 
+// Loops that agree at two places are right, and the neighbors are wrong.
+TEST(TurnedSteps, AreRightIfLoopsOfSeveralPlacesAgree) {
+  TurningDrive drive;
+  drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
+  const Mask is_turned = drive.Find();
+  for (int k = 0; k < 5; ++k) drive.Add(k, kTurnedRank + 5 + k);
+  EXPECT_EQ(drive.LoopsAcross(is_turned).Count(), 5U);
+  drive.Add(kTurnedRank - 5, kTurningDriveLength - 5);  // an isolated pair
+  EXPECT_EQ(drive.LoopsAcross(is_turned).Count(), 6U);
+  drive.Add(kTurnedRank - 5, kTurningDriveLength - 4);
+  EXPECT_FALSE(drive.LoopsAcross(is_turned).Any());
+}
+
 }  // namespace
 }  // namespace mgsfm

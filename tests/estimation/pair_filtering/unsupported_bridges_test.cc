@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
@@ -34,6 +36,28 @@ class Graph {
       for (int g = f + 1; g < end_frame; ++g) AddPair(f, g, 0, 20, true);
     }
   }
+
+  // Frames on a path: each shares points with the three next ones.
+  void AddPath(int begin_frame, int end_frame) {
+    for (int f = begin_frame; f < end_frame; ++f) {
+      const auto first = static_cast<uint32_t>(100 * f);
+      for (int g = f + 1; g < std::min(f + 4, end_frame); ++g) {
+        // A point of frame f has the numbers 100 f to 100 f + 20.
+        AddPair(f, g, first, first + 20, true);
+      }
+      if (f + 2 < end_frame) AddPair(f + 1, f + 2, first, first + 20, true);
+    }
+  }
+
+  // Frames of two paths that look alike.
+  size_t AddLoop(int frame1, int frame2) {
+    const auto first = static_cast<uint32_t>(100 * frame1);
+    if (frame1 + 1 < num_frames()) {
+      AddPair(frame1 + 1, frame2, first, first + 20, true);
+    }
+    return AddPair(frame1, frame2, first, first + 20, true);
+  }
+  int num_frames() const { return static_cast<int>(scene_.frames.size()); }
 
   std::vector<size_t> UnsupportedPairs(
       SequenceMode sequence = SequenceMode::kNo) const {
@@ -126,6 +150,38 @@ TEST(UnsupportedBridges, MayConnectNeighborsOfASequence) {
   graph.AddPlace(0, 15);
   graph.AddPlace(15, 30);
   graph.AddPair(14, 15, 20);
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{});
+}
+
+TEST(UnsupportedBridges, AreNotContradictedByLoopsOfASequence) {
+  Graph graph(30);
+  graph.AddPlace(0, 15);
+  graph.AddPlace(15, 30);
+  const size_t neighbors = graph.AddPair(13, 15, 20);
+  for (int f = 0; f < 10; ++f) graph.AddPair(f, 29 - f, 40, false);
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{});
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kNo), Pairs{neighbors});
+}
+
+TEST(UnsupportedBridges, MayNotBeLoopsOfOnePlace) {
+  Graph graph(40);
+  graph.AddPath(0, 20);
+  graph.AddPath(20, 40);
+  const size_t loop = graph.AddLoop(5, 30);
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes),
+            (Pairs{loop - 1, loop}));
+  graph.AddLoop(6, 31);  // the same place
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes).size(), 4U);
+  graph.AddLoop(15, 38);
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{});
+}
+
+// Both parts show nothing else.
+TEST(UnsupportedBridges, MayBeLoopsOfTheOnlyPlace) {
+  Graph graph(30);
+  graph.AddPlace(0, 12);
+  graph.AddPlace(18, 30);
+  graph.AddLoop(0, 29);
   EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{});
 }
 

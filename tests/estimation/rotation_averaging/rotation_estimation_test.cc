@@ -20,7 +20,8 @@ using Eigen::Quaterniond;
 EstimatedRotations Estimate(const Scene& scene, const ViewGraph& view_graph,
                             const PairFilteringOptions& filtering = {}) {
   return EstimateRotations(
-      {scene, view_graph, FramePairIndex(scene, view_graph)},
+      {scene, view_graph,
+       FramePairIndex(scene, view_graph, filtering.is_sequence)},
       {RotationAveragingOptions(), filtering}, Context());
 }
 
@@ -79,15 +80,17 @@ TEST(RotationRecipe, DuplicatesSomeDegreesOffDoNotBreakTheTrajectory) {
 // The drift bound of the skeleton accepts them.
 TEST(RotationRecipe, DuplicatesWithinTheDriftBoundDoNotTurnTheWeakestStep) {
   const Simulation simulation = DriveWithDuplicates(3.0, 14);
-  PairFilteringOptions with;
-  with.use_turning_loops = true;
-  const EstimatedRotations result = Estimate(simulation, with);
+  const EstimatedRotations result = Estimate(simulation);
   EXPECT_EQ(NumFramesWithRotation(result.estimate), kDriveLength);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
   EXPECT_GT(std::count(result.verdicts.begin(), result.verdicts.end(),
                        RejectionReason::kTurningLoop),
             0);
-  EXPECT_GT(MaxFrameErrorDeg(simulation, Estimate(simulation).estimate), 1.0);
+  PairFilteringOptions without;
+  without.use_turning_loops = false;
+  EXPECT_GT(
+      MaxFrameErrorDeg(simulation, Estimate(simulation, without).estimate),
+      1.0);
 }
 
 // If images are missing, a frame can have more matches with an unrelated place
@@ -128,12 +131,18 @@ TEST(RotationRecipe, UnsupportedBridgesDoNotConnectComponents) {
     wrong.matches[k] = {1000 + k, 1000 + k};  // keypoints without other matches
   }
   pairs.push_back(wrong);
-  const EstimatedRotations result = Estimate(simulation);
+  PairFilteringOptions unordered;
+  unordered.is_sequence = SequenceMode::kNo;
+  const EstimatedRotations result = Estimate(simulation, unordered);
   EXPECT_EQ(NumFramesWithRotation(result.estimate), kNumFrames);
   EXPECT_EQ(result.summary.num_components, 2);
   EXPECT_EQ(result.summary.num_unsupported_bridges, 1);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 0), 1e-6);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 1), 1e-6);
+  // In a sequence, neighbors connect the halves.
+  const EstimatedRotations of_sequence = Estimate(simulation);
+  EXPECT_EQ(of_sequence.summary.num_components, 1);
+  EXPECT_LT(MaxFrameErrorDeg(simulation, of_sequence.estimate), 1e-6);
 }
 
 TEST(RotationRecipe, EveryPairIsAnInlierOrRejectedWithAReason) {

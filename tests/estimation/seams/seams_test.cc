@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "mgsfm/simulator/simulation.h"
-#include "pair_filtering/rejected_groups.h"
+#include "pair_filtering/pair_verdicts.h"
 
 namespace mgsfm {
 namespace {

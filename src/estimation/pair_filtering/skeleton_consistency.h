@@ -2,15 +2,84 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
+#include <limits>
 #include <optional>
 #include <vector>
 
+#include "math/spanning_tree.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
+
+enum class DriftGrowth {
+  // Independent errors of the edges: the standard deviation of their sum grows
+  // with the square root of the path length.
+  kRandomWalk,
+  // Errors that persist, such as those of scale and heading.
+  kProportional,
+};
+
+// Largest drift between two frames that an estimate from the skeletal graph
+// alone may have: for a path of length l,
+//
+//   bound = min(rate * sqrt(l), max)   or   min(rate * l, max).
+//
+// Paths lead through the maximum spanning tree of the skeletal graph, weighted
+// by the number of matches. Between two components only the parts of the path
+// inside them count.
+class DriftBound {
+ public:
+  struct Model {
+    DriftGrowth growth;
+    double rate;  // of the bound at path length 1
+    double max = std::numeric_limits<double>::infinity();
+  };
+
+  // length_of_pair(pair_idx) is the length of a pair of the skeletal graph that
+  // connects two frames.
+  DriftBound(const FramePairIndex& index, const ViewGraph& view_graph,
+             const Mask& is_in_skeleton,
+             const std::function<double(size_t)>& length_of_pair,
+             const Model& model);
+
+  // Cost: the number of edges on the path.
+  double Of(const FramePairIndex::FramePair& frames) const;
+
+ private:
+  TreePathLengths paths_;
+  Model model_;
+};
+
+// True if so many of the judged pairs were rejected that the skeletal graph
+// must be wrong rather than the pairs.
+bool RejectsTooMany(size_t num_rejected, size_t num_judged);
+
+// Pairs whose relative rotation contradicts the rotations of the skeletal graph
+// alone by more than its drift explains. Duplicate structures are often only
+// some degrees off; many of them break the trajectory at places that few
+// correct pairs hold together.
+//
+// Let d be the angle between the relative rotation of a pair and that of the
+// skeleton, sigma the robust standard deviation of all d per axis, and l the
+// number of edges between the two frames along the skeleton. A pair outside the
+// skeleton is inconsistent if
+//
+//   d > max_rotation_error + min(rotation_drift_in_sigmas * sigma * sqrt(l),
+//                                max_rotation_drift):
+//
+// drift is modeled as a random walk with steps of standard deviation sigma.
+// Pairs of frames that the skeleton does not connect are not judged. None is
+// inconsistent if too many would be (pair_filtering.h).
+// Per pair. Cost: a path through a tree for each pair.
+[[nodiscard]] Mask FindInconsistentRotations(
+    const PairEvidence& evidence, const Mask& is_in_skeleton,
+    const RotationEstimate& by_skeleton);
 
 // Pairs of duplicate structures can have the right rotation, and on a straight
 // road the right direction. Their length cannot be right: matches that they
@@ -42,7 +111,7 @@ struct BaselineComparison {
 
 // Pairs that the drift of the skeletal graph cannot explain. Positions from the
 // skeletal graph alone drift in proportion to the path length l between two
-// frames (drift_bound.h). With C = c_2 - c_1 by these positions, a comparable
+// frames (DriftBound). With C = c_2 - c_1 by these positions, a comparable
 // pair is inconsistent if
 //
 //   |C - m| > max_drift l + max_baseline_error_in_depths * typical depth.
