@@ -122,8 +122,8 @@ struct FeatureExtractionOptions {
 };
 
 struct FeatureExtractionSummary {
-  size_t num_images = 0;   // in the folder or the list, or the share of them
-  size_t num_present = 0;  // of these, with features in the database before
+  size_t num_images = 0;   // in the folder, list or share
+  size_t num_present = 0;  // with features already in the database
   size_t num_extracted = 0;
   size_t num_rejected = 0;  // one warning each
   size_t num_features = 0;  // of the extracted images
@@ -145,7 +145,7 @@ struct FeatureExtractionSummary {
 //
 // Images with features in the database are skipped. Each image is written in a
 // transaction as soon as it and all images before it are done, so an
-// interrupted run loses only the images in progress and the next run leads to
+// interrupted run loses only the images in progress, and the next run yields
 // the same result. If the database has frames, each new image gets a frame of
 // its own.
 //
@@ -160,9 +160,9 @@ FeatureExtractionSummary ExtractFeatures(
     FeatureDatabase* database, const Context& context);
 
 // Extracts the features of one share of the images into a database of its own,
-// a shard, as if all were extracted: where an image of another share defines
-// the camera of images, that image is read, too. A share may be empty. Throws
-// Error if the database is another shard or none.
+// a shard, with the same result as for all images: if an image of another share
+// defines a camera, that image is read, too. A share may be empty. Throws Error
+// if the database is a different shard or not a shard.
 FeatureExtractionSummary ExtractFeatureShard(
     const std::string& image_path, const FeatureExtractionOptions& options,
     const Share& share, FeatureDatabase* database, const Context& context);

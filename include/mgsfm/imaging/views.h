@@ -66,7 +66,8 @@ struct ViewOptions {
   }
 };
 
-// A pinhole image of a part of what a camera sees, from the same center.
+// A pinhole image of part of the field of view of a camera, with the same
+// center.
 struct View {
   std::string name;  // "front", "left", ...; "" for a pinhole image
   Eigen::Quaterniond view_from_cam = Eigen::Quaterniond::Identity();
@@ -75,10 +76,10 @@ struct View {
   double max_view_angle_rad = 0.0;
 };
 
-// The views of a camera; the first one has its orientation. Resolution is that
-// of the original at its center, so a view does not lose detail unless
-// max_image_size demands it. Faces of a cube overlap if they have more than 90
-// degrees; those that see nothing are omitted.
+// The views of a camera; the first one has the orientation of the camera. Views
+// have the resolution of the original at its center, so a view loses no detail
+// unless max_image_size requires it. Faces of a cube overlap if they are wider
+// than 90 degrees; faces that see nothing are omitted.
 //
 // A camera is too wide for a pinhole image if that would enlarge pixels at the
 // border more than four times, which is the magnification of an equidistant

@@ -159,7 +159,7 @@ inline void AtanRatio(double y, double* value, double* slope) {
   }
   *value = 0.0;
   *slope = 0.0;
-  // The terms that are left out are below 10 y^9 / 21 = 5e-19.
+  // The omitted terms are below 10 y^9 / 21 = 5e-19.
   for (int i = 9; i > 0; --i) {
     const double coefficient = (i % 2 == 0 ? 1.0 : -1.0) / (2 * i + 1);
     *slope = *slope * y + i * coefficient;
