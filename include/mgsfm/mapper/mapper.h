@@ -172,11 +172,11 @@ struct UnregisteredFrame {
 
 // The source of the focal length of a camera.
 enum class LensSource {
-  kGiven,       // calibration
-  kGuess,       // default of feature extraction
-  kExif,        // tags of an image file
-  kPairs,       // epipolar geometry of image pairs
-  kAdjustment,  // bundle adjustment, if its images determine it
+  kGiven,       // a calibration
+  kGuess,       // feature extraction, without knowledge
+  kExif,        // the file of an image
+  kPairs,       // the epipolar geometry of image pairs
+  kAdjustment,  // bundle adjustment, and its images determine it
 };
 
 template <>
@@ -189,7 +189,7 @@ struct EnumTable<LensSource> {
       {"adjustment", LensSource::kAdjustment}};
 };
 
-// The camera model chosen for a lens without calibration.
+// The model of a lens without calibration.
 struct LensChoice {
   int camera_idx = 0;
   CameraModelId model = CameraModelId::kSimpleRadial;
@@ -203,7 +203,7 @@ struct LensChoice {
 };
 
 struct LensSummary {
-  int num_rounds = 0;  // preliminary reconstructions that changed lenses
+  int num_rounds = 0;  // maps before the last one, with lenses that changed
   std::vector<LensChoice> lenses;
 
   auto Fields() const {

@@ -79,7 +79,7 @@ struct ModelFrame {
 struct PoseModel {
   std::vector<ModelImage> images;  // sorted by name
   std::vector<ModelRig> rigs;      // empty if the model has none (COLMAP 3.8)
-  std::vector<ModelFrame> frames;  // empty if the model has none (COLMAP 3.8)
+  std::vector<ModelFrame> frames;  // likewise
 };
 
 // Reads images, rigs and frames of a COLMAP model, text or binary (which is

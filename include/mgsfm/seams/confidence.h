@@ -44,9 +44,8 @@ namespace mgsfm {
 //   jump           if neighbors in time on both sides contradict the motion of
 //                  the rig. It is the weakest cut between them, and its
 //                  confidence is 0.
-//   contradicted   if the fraction of matches against it is large. Nothing
-//                  counts against a cut across which frames confirm the motion
-//                  of the rig.
+//   contradicted   if the share against it is large. Nothing counts against a
+//                  cut across which frames confirm the motion of the rig.
 //
 // The uncertainty of a seam is the covariance of the relative pose of the two
 // frames next to it, from the noise of the keypoints around them
@@ -65,7 +64,7 @@ struct ConfidenceOptions {
 enum class SeamReason {
   kFewTies,       // few points tie the sides together
   kContradicted,  // a group of rejected pairs disagrees with the model
-  kJump,          // neighbors in time contradict the motion of the rig
+  kJump,          // neighbors in time are not where the rig moved
 };
 
 template <>

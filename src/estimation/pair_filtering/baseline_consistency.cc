@@ -55,9 +55,9 @@ Mask FindInconsistentBaselines(const PairEvidence& evidence,
 }
 
 std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
-  // The first bound is loose because a single camera drifts in scale and loops
-  // must still close. Small steps drop the worst pairs before the others are
-  // judged. docs/results/constants.md compares other numbers of steps.
+  // The first bound is loose because one camera drifts in scale and loops must
+  // close. Small steps drop the worst pairs before the others are judged.
+  // docs/results/constants.md compares fewer and more of them.
   constexpr double kDivisors[] = {1.0, 2.0, 4.0, 10.0};
   std::vector<double> bounds;
   for (const double divisor : kDivisors) {

@@ -12,16 +12,16 @@
 
 namespace mgsfm {
 
-// Pairs of duplicate structures can have the correct rotation, and on a
-// straight road the correct direction. Their baseline length is wrong, and
-// matches that they share with correct pairs measure it.
+// Pairs of duplicate structures can have the right rotation, and on a straight
+// road the right direction. Their length cannot be right: matches that they
+// share with correct pairs determine it.
 
 // The baseline m = c_2 - c_1 between the cameras of a pair as measured, in the
-// unit of length of the positions that it is compared with.
+// unit of length of the positions it is compared with.
 struct MeasuredBaseline {
   Eigen::Vector3d baseline_in_world = Eigen::Vector3d::Zero();
   double typical_depth = 0.0;  // median depth of the points of all pairs
-  // False if matches do not link the length to that of most other pairs.
+  // False if matches do not link its length to that of most other pairs.
   bool is_comparable = true;
 };
 
@@ -64,14 +64,14 @@ std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options);
 //   |C - m| > max_relative_baseline_error * max(|C|, |m|)   and
 //   |C - m| > max_baseline_error_in_depths * typical depth.
 //
-// The second condition spares loop closures, whose error is the drift. Per pair
+// The second condition spares loop closures, which miss by the drift. Per pair
 // of the view graph; false where a baseline or a position is missing.
 [[nodiscard]] Mask FindInconsistentPairs(const ViewGraph& view_graph,
                                          const BaselineComparison& comparison,
                                          const PairFilteringOptions& options);
 
 // Number of pairs of the skeletal graph that its own positions satisfy and
-// other positions violate: these positions contradict the pair, or lack one of
+// other positions violate: they contradict the pair, or do not contain both of
 // its images.
 int CountViolatedSkeletonEdges(const ViewGraph& view_graph,
                                const Mask& is_in_skeleton,

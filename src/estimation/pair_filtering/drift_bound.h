@@ -15,7 +15,7 @@ enum class DriftGrowth {
   // Independent errors of the edges: the standard deviation of their sum grows
   // with the square root of the path length.
   kRandomWalk,
-  // Persistent errors, such as those of scale and heading.
+  // Errors that persist, such as those of scale and heading.
   kProportional,
 };
 

@@ -14,7 +14,7 @@
 namespace mgsfm {
 namespace {
 
-// Angle between the measured relative rotation and the one of the skeleton;
+// Angle between the measured relative rotation and that of the skeleton;
 // nullopt if the skeleton does not connect the images.
 std::optional<double> DeviationFromSkeleton(
     const Scene& scene, const ImagePair& pair,

@@ -10,10 +10,10 @@
 
 namespace mgsfm {
 
-// Pairs whose relative rotation differs from the rotations of the skeletal
-// graph by more than its drift explains. Duplicate structures are often only
-// some degrees off; many of them break the trajectory where only few correct
-// pairs connect it.
+// Pairs whose relative rotation contradicts the rotations of the skeletal graph
+// alone by more than its drift explains. Duplicate structures are often only
+// some degrees off; many of them break the trajectory at places that few
+// correct pairs hold together.
 //
 // Let d be the angle between the relative rotation of a pair and that of the
 // skeleton, sigma the robust standard deviation of all d per axis, and l the

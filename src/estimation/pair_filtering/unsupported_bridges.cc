@@ -35,7 +35,7 @@ struct LinkGraph {
 };
 
 // A frame in the depth-first forest of the link graph. The frames below it are
-// entered at the numbers [enter, leave).
+// those entered from `enter` to before `leave`.
 struct VisitedFrame {
   int root = 0;
   std::optional<size_t> link_to_parent;
@@ -168,8 +168,8 @@ bool IsUnsupportedAmongSupported(const LinkGraph& graph,
          has_support(graph.links[link].frame_idx2);
 }
 
-// Matches of inconsistent pairs between the frames below `top` and the other
-// frames of its component.
+// Matches of inconsistent pairs between the frames below `top` and the rest of
+// its component.
 int CountMatchesAgainst(const PairEvidence& evidence,
                         const DepthFirstForest& forest,
                         const VisitedFrame& top) {
@@ -190,7 +190,7 @@ int CountMatchesAgainst(const PairEvidence& evidence,
   return num_matches;
 }
 
-// The links whose removal disconnects frames.
+// The links without which parts of the frames come apart.
 Mask FindBridges(const PairEvidence& evidence, const LinkGraph& graph) {
   Mask is_unsupported(evidence.pair_is_used.size(), false);
   const DepthFirstForest forest = VisitDepthFirst(graph);

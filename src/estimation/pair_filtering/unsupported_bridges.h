@@ -6,9 +6,9 @@
 
 namespace mgsfm {
 
-// If images are missing, two segments of frames may be connected only by a few
-// isolated pairs that contradict each other. Rotation averaging can satisfy any
-// one of them; if this pair is wrong, the trajectory breaks there.
+// If images are missing, two stretches of frames may be connected by nothing
+// but a few isolated pairs that contradict each other. Rotation averaging can
+// satisfy any one of them; if it is wrong, the trajectory breaks there.
 //
 // A link is the set of all consistent pairs of two frames. It is an unsupported
 // bridge if
@@ -21,15 +21,15 @@ namespace mgsfm {
 //   frames are distant in a sequence.
 //
 // In a sequence, loop links without triplet-consistent matches connect nothing:
-// bridges are computed without them, and such loops between components that
-// nothing else connects are unsupported, however many there are.
+// bridges are those of the graph without them, and such loops between parts
+// that nothing else connects are unsupported, however many there are.
 //
 // The third condition spares chains in which only neighbors were matched: they
 // have no triplets, and one wrong pair would cut them all.
 //
-// Consistent pairs are the pairs in pair_is_used. Cost: linear in the links; if
-// some are bridges, in the matches; and the number of bridges without support
-// times the number of inconsistent pairs.
+// Consistent pairs are those of pair_is_used. Cost: linear in the links;
+// if some are bridges, in the matches; and the number of bridges without
+// support times the number of inconsistent pairs.
 [[nodiscard]] Mask FindUnsupportedBridges(const PairEvidence& evidence);
 
 }  // namespace mgsfm

@@ -183,8 +183,8 @@ SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
   return result;
 }
 
-// Averages without the loop pairs that turn a step of the sequence, and repeats
-// until no loop turns a step. Removes these pairs from the used pairs.
+// Averages without the loop pairs that turn steps of a sequence: again, until
+// no step is turned by a loop. Removes them from the used pairs.
 AveragedRotations AverageWithoutTurningLoops(const RotationInput& input,
                                              const SkeletonResult& skeleton,
                                              const RotationOptions& options,

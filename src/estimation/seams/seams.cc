@@ -98,7 +98,8 @@ struct CutEvidence {
   }
   double ConfidenceOf(size_t cut_idx) const {
     if (is_jump[cut_idx]) return 0.0;
-    // n0 of the confidence: image pairs with fewer inliers are not accepted.
+    // n0 of the confidence: pairs of images with fewer inliers are not
+    // accepted.
     return (1.0 - ShareAgainst(cut_idx)) * num_tracks[cut_idx] /
            (num_tracks[cut_idx] + 15.0);
   }
