@@ -211,8 +211,8 @@ struct LensSummary {
   }
 };
 
-// The parts of all images of a sensor that show objects fixed to the rig during
-// the whole recording: equal cells, row by row.
+// The parts of all images of a sensor that show what moves along with the rig
+// during the whole recording: equal cells, row by row.
 struct FixedRegion {
   int sensor_idx = 0;
   int num_rows = 0;

@@ -71,7 +71,7 @@ void TriangulateAgain(const RefinementInput& input, const TrackRays& rays,
 
 // Positions and points from all rays: a coarse triangulation and joint
 // refinement by eq. (18) of MGSfM, then triangulation and refinement at the
-// noise level of the rays. Frames without usable pairs are placed by points in
+// noise level of the rays. Points place the frames without usable pairs in
 // between. An objective without points only triangulates coarsely.
 struct TrackRefinement {
   PositionsAndPoints placed;
