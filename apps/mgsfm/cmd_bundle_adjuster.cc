@@ -38,7 +38,7 @@ struct BundleAdjusterOptions {
   Option<bool> retriangulate{
       "retriangulate", false,
       "Reject outliers and retriangulate all points in rounds, as the mapper "
-      "does. Otherwise, one solve over all observations."};
+      "does. 0: solve once over all observations."};
   Option<bool> compute_covariances{
       "compute_covariances", false,
       "Write the covariances of rig extrinsics and frame poses to "

@@ -69,12 +69,12 @@ struct ModelAlignerOptions : ModelEditOptions {
       "ref_model_path", "", "Align to this model, by images of the same name."};
   Option<AlignmentType> alignment_type{
       "alignment_type", AlignmentType::kCustom,
-      "Choose the world. custom: align to the positions or the model above; "
-      "GPS becomes meters east, north and up of the first position. For GPS "
-      "positions only: enu, the same; ecef, earth-centered; enu-plane, east, "
-      "north and up of the center of the points; enu-plane-unscaled, the same "
-      "in the unit of the model. plane: needs no reference; z is up and the "
-      "trajectory lies in the plane z = 0."};
+      "Choose the world. custom: the world of the positions or the model "
+      "above; GPS becomes meters east, north and up of the first position. For "
+      "GPS positions only: enu, like custom; ecef, earth-centered; enu-plane, "
+      "east, north and up of the center of the points; enu-plane-unscaled, "
+      "like enu-plane, but in the unit of the model. plane: without reference; "
+      "z is up and the trajectory lies in the plane z = 0."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<int> min_common_images{
@@ -85,8 +85,8 @@ struct ModelAlignerOptions : ModelEditOptions {
       "Estimate the scale. 0 keeps the unit of the model."};
   Option<bool> robust_alignment{
       "robust_alignment", true,
-      "Find the positions that fit the model (RANSAC). 0 aligns to all "
-      "positions by least squares, and accepts any distances."};
+      "Reject positions that do not fit the model (RANSAC). 0: align to all "
+      "positions by least squares, whatever their distances."};
   Option<double> alignment_max_error{
       "alignment_max_error", 4.0, GreaterThan(0.0), "units of the reference",
       "Count positions, or images of the other model, within this distance of "
@@ -102,8 +102,8 @@ struct ModelAlignerOptions : ModelEditOptions {
       "position."};
   Option<bool> use_prior_gravity{
       "use_prior_gravity", false,
-      "Use the gravity directions in the table pose_priors of --database_path: "
-      "as upward direction of plane, and of GPS positions on a line."};
+      "Use the gravity directions in the table pose_priors of --database_path "
+      "as upward direction for plane and for GPS positions on a line."};
   Option<std::string> transform_path{
       "transform_path", "",
       "Write the transform to this file: scale qw qx qy qz tx ty tz."};

@@ -27,12 +27,12 @@ struct ModelRigOptions {
   Option<std::string> rig_config_path{
       "rig_config_path", "",
       "Group the images into the rigs of COLMAP's rig_config.json or of an "
-      "earlier model, and fit the poses of the rigs to those of the images."};
+      "earlier model, and fit the poses of the rigs to the image poses."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Choose the source of rigs and frames: auto (those of the model, "
-      "otherwise single images), none (single images), or a regular expression "
-      "on image names, as for the mapper, that groups the images into rigs."};
+      "Choose the source of rigs and frames: auto (from the model, otherwise "
+      "single images), none (single images), or a regular expression on image "
+      "names, as for the mapper, that groups the images into rigs."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

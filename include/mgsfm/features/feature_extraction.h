@@ -26,7 +26,7 @@ struct ImageReaderOptions {
                              "Use the same camera for all images."};
   Option<bool> single_camera_per_folder{
       "single_camera_per_folder", false,
-      "Use the same camera for all images in the same folder, as by default."};
+      "Use the same camera for all images in a folder. This is the default."};
   Option<bool> single_camera_per_image{
       "single_camera_per_image", false,
       "Use a different camera for each image. Set it if images in one folder "
@@ -40,7 +40,7 @@ struct ImageReaderOptions {
       "COLMAP's model. They are trusted."};
   Option<std::string> camera_params_path{
       "camera_params_path", "",
-      "Read the intrinsics of each folder of images from this file, a line "
+      "Read the intrinsics of each folder of images from this file with lines "
       "`folder MODEL width height params...`; '.' is the image folder itself. "
       "It takes precedence over camera_model and camera_params."};
   Option<double> default_focal_length_factor{
@@ -108,7 +108,7 @@ struct SiftOptions {
 struct FeatureExtractionOptions {
   Option<std::string> image_list_path{
       "image_list_path", "",
-      "Use only the images that this file names, one per line, relative to the "
+      "Use only the images listed in this file, one per line, relative to the "
       "image folder. By default, all images of the folder are used."};
   ImageReaderOptions reader;
   SiftOptions sift;

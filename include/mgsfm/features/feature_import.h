@@ -12,18 +12,17 @@
 namespace mgsfm {
 
 struct FeatureImportOptions {
-  Option<std::string> import_path{
-      "import_path", "", Required(),
-      "Read features from this HDF5 file as hloc writes it: keypoints and "
-      "descriptors of each image."};
+  Option<std::string> import_path{"import_path", "", Required(),
+                                  "Read the keypoints and descriptors of each "
+                                  "image from this HDF5 file of hloc."};
   Option<std::string> matches_path{
       "matches_path", "",
-      "Read matches of these features from this HDF5 file as hloc writes it. "
-      "They are raw: run geometric_verifier next."};
+      "Read matches of these features from this HDF5 file of hloc. They are "
+      "raw: run geometric_verifier next."};
   Option<std::string> image_path{
       "image_path", "",
       "Read size, focal length and GPS position of images from this folder. By "
-      "default, sizes are those of the features, and focal lengths are "
+      "default, sizes come from the feature file, and focal lengths are "
       "guesses."};
   ImageReaderOptions reader;
 

@@ -34,12 +34,12 @@ struct ViewOptions {
   Option<double> field_of_view_deg{
       "field_of_view", 0.0, Between(0.0, 160.0), "deg",
       "Set the horizontal field of view of each undistorted image. 0: 90 for "
-      "the faces of a cube; that of the original for a pinhole image, but at "
-      "most 120."};
+      "the faces of a cube; for a pinhole image, the field of view of the "
+      "original, at most 120."};
   Option<double> max_view_angle_deg{
       "max_view_angle", 0.0, Between(0.0, 180.0), "deg",
       "Use pixels up to this angle to the optical axis; masks show the others. "
-      "0: at the nearest image border, but at least 90."};
+      "0: the angle at the nearest image border, at least 90."};
   Option<double> blank_pixels{
       "blank_pixels", 0.0, Between(0.0, 1.0),
       "Keep this amount of blank pixels in a pinhole image of the original "

@@ -80,16 +80,16 @@ struct MapperOptions {
 
   Option<std::string> metric_scale{
       "metric_scale", "",
-      "Scale models so that two cameras of a rig are as far apart as "
-      "known_baseline=CAMERA1:CAMERA2:METERS states. Neither a known rig nor "
-      "measured positions need it."};
+      "Scale models by the known distance of two cameras of a rig, given as "
+      "known_baseline=CAMERA1:CAMERA2:METERS. It is not needed with a known "
+      "rig or measured positions."};
   Option<WeakSeams> weak_seams{
       "Mapper.weak_seams", WeakSeams::kKeep,
       "Choose what happens at the weak seams of a model: keep reports them, "
       "split makes a model of each side, and split_jumps does so only where "
-      "adjacent frames contradict the motion of the rig. Sides whose relative "
-      "pose no points determine are models of their own in any case. Split if "
-      "a wrong model is worse than several partial ones."};
+      "adjacent frames contradict the motion of the rig. Sides always become "
+      "separate models if no points determine their relative pose. Split if a "
+      "wrong model is worse than several partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;

@@ -82,10 +82,10 @@ struct SceneLoadingOptions {
       "names are times that differ from camera to camera."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
-      "Read the exposure times of images from this file, a line `image_name "
-      "SECONDS` for every image. Without it, frame_max_time_difference_s uses "
-      "the times in image names. SoftRig.method time_offset needs exposure "
-      "times, too."};
+      "Read the exposure times of images from this file with one line "
+      "`image_name SECONDS` per image. Without it, frame_max_time_difference_s "
+      "uses the times in image names. SoftRig.method time_offset needs "
+      "exposure times, too."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -103,8 +103,8 @@ struct SceneLoadingOptions {
 struct RigSplitOptions {
   Option<std::string> split_rig_at{
       "split_rig_at", "",
-      "Give the rig a calibration of its own from the frame of this name on. "
-      "Set it if a camera was moved during the recording."};
+      "Calibrate the rig separately from the frame of this name on. Set it if "
+      "a camera was moved during the recording."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

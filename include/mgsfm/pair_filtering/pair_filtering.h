@@ -82,11 +82,11 @@ struct PairFilteringOptions {
   Option<bool> use_motion_continuity{
       "use_motion_continuity", true,
       "Reject pairs of a sequence that show an object moving along with the "
-      "rig, where two motions exclude each other by their matches and persist "
-      "in adjacent frames."};
+      "rig, if matches show two mutually exclusive motions that persist in "
+      "adjacent frames."};
   Option<bool> use_ambiguous_motion{
       "use_ambiguous_motion", true,
-      "Reject pairs of neighbors in a sequence across a step whose rival "
+      "Reject pairs of neighbors in a sequence across a step whose competing "
       "motions are equally probable. Needs use_motion_continuity."};
   Option<bool> use_fixed_regions{
       "use_fixed_regions", true,

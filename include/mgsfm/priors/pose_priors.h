@@ -43,10 +43,10 @@ struct PosePriorOptions {
       "place models in their world and as priors of bundle adjustment."};
   Option<std::string> ref_images_path{
       "ref_images_path", "",
-      "Use the positions in this file instead of the table pose_priors: a line "
-      "`image_name X Y Z` per image, or a trajectory of the reference camera "
-      "in the format of TUM (by "
-      "the times of images) or KITTI (a line per frame)."};
+      "Use the positions in this file instead of the table pose_priors: one "
+      "line `image_name X Y Z` per image, or a trajectory of the reference "
+      "camera in the format of TUM (by image times) or KITTI (one line per "
+      "frame)."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<bool> overwrite_priors_covariance{
@@ -55,16 +55,13 @@ struct PosePriorOptions {
       "database."};
   Option<double> prior_position_std_x_m{
       "prior_position_std_x", 1.0, GreaterThan(0.0), "m",
-      "Set the standard deviation toward the east of positions without "
-      "covariance."};
+      "Set the east standard deviation of positions without covariance."};
   Option<double> prior_position_std_y_m{
       "prior_position_std_y", 1.0, GreaterThan(0.0), "m",
-      "Set the standard deviation toward the north of positions without "
-      "covariance."};
+      "Set the north standard deviation of positions without covariance."};
   Option<double> prior_position_std_z_m{
       "prior_position_std_z", 1.0, GreaterThan(0.0), "m",
-      "Set the standard deviation of the height of positions without "
-      "covariance."};
+      "Set the vertical standard deviation of positions without covariance."};
   Option<bool> use_prior_gravity{
       "use_prior_gravity", false,
       "Use the gravity directions in the table pose_priors to level the "

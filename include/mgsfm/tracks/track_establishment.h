@@ -22,8 +22,8 @@ struct TrackOptions {
   int min_tracks_per_image = 50;
   Option<int> max_tracks_per_image{
       "max_tracks_per_image", 0, AtLeast(0), "tracks",
-      "Drop a track if all its images have this many longer ones. 0 keeps all "
-      "tracks. Set it to save time and memory."};
+      "Drop a track if all its images have this many longer tracks. 0 keeps "
+      "all tracks. Set it to save time and memory."};
   // Maximum distance of two keypoints of an image that count as one feature
   // detected twice. More distant keypoints of one image in a track are a
   // conflict and split it.

@@ -63,9 +63,8 @@ namespace mgsfm {
 struct FocalLengthOptions {
   Option<bool> calibrate{
       "calibrate", true,
-      "Estimate focal lengths that have no prior from image pairs, before "
-      "relative poses are estimated, and then their lenses from maps of some "
-      "frames."};
+      "Estimate focal lengths without a prior from image pairs before relative "
+      "poses, and then lenses from reconstructions of some frames."};
   // Maximum relative standard deviation of an accepted estimate of a focal
   // length. Less certain ones are only a start.
   double max_sigma = 0.01;

@@ -22,8 +22,8 @@ struct JoinOptions {
   // (docs/results/constants.md).
   Option<int> min_num_loop_points{
       "min_num_loop_points", 10, AtLeast(3), "points",
-      "Reject loop closures of which matches between two sub-maps without "
-      "common images agree on fewer points."};
+      "Reject loop closures between sub-maps without common images if their "
+      "matches agree on fewer points."};
   Option<double> max_loop_rotation_deg{
       "max_loop_rotation_deg", 10.0, Between(0.0, 180.0), "deg",
       "Reject loop closures whose rotation contradicts the chain of sub-maps "

@@ -37,8 +37,8 @@ struct SplittingOptions {
       "width of the panorama divided by 3.14."};
   Option<double> fisheye_field_of_view_deg{
       "fisheye_field_of_view", 190.0, Between(100.0, 240.0), "deg",
-      "State the field of view of each lens of a dual fisheye. It gives the "
-      "first guess of the focal length."};
+      "State the field of view of each lens of a dual fisheye. It determines "
+      "the initial focal length."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
                            "Set the quality of JPEG images; 100 is best."};
 
