@@ -265,9 +265,10 @@ void CheckCount(size_t num_images, const std::string& reference,
                 const ModelAlignerOptions& options) {
   if (num_images >= static_cast<size_t>(options.min_common_images)) return;
   throw Error("only " + std::to_string(num_images) + " images of '" +
-              *options.input_path + "' have a place in '" + reference +
+              *options.input_path + "' have a reference in '" + reference +
               "', fewer than --min_common_images " +
-              std::to_string(options.min_common_images));
+              std::to_string(options.min_common_images) +
+              "; check that the image names agree");
 }
 
 // The transform of a world that moved the frames from `before` to `after`.

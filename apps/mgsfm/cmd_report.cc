@@ -208,10 +208,10 @@ void WarnOfOtherReport(const RunReport& report, const Scene& scene,
   const auto num_images = model.find("num_images");
   if (num_images == model.end() || !num_images->is_number_unsigned()) return;
   if (num_images->get<size_t>() == scene.images.size()) return;
-  context.Warning("report.json tells of " + num_images->dump() +
+  context.Warning("report.json describes " + num_images->dump() +
                   " images, but the model has " +
                   std::to_string(scene.images.size()) +
-                  "; it is of another run");
+                  "; check that it belongs to the run of this model");
 }
 
 PoseComparison Compare(const std::string& label, const TruthSource& source) {

@@ -120,8 +120,8 @@ void RigMerger::CheckSensor(int sensor_idx, int common_idx) const {
   }
   throw Error("the rotation between cameras '" + b_.sensors[sensor_idx].name +
               "' and '" + b_.sensors[common_idx].name +
-              "' differs between the models by more than 5 degrees; the rig "
-              "has changed, so give the images of one model other folders");
+              "' differs between the models by more than 5 degrees; if the rig "
+              "has changed, give the images of one model other folders");
 }
 
 // Relates the sensors of a common rig to one that is posed in both models.

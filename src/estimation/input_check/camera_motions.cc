@@ -350,7 +350,7 @@ Finding DescribeLag(const std::string& a, const std::string& b,
           "camera '" + late + "' is " + std::to_string(num_frames) +
               (num_frames == 1 ? " frame" : " frames") + " behind camera '" +
               other + "'",
-          "rename its images so that those of one instant share a frame"};
+          "rename its images so that simultaneous images share a frame"};
 }
 
 Finding DescribeForeign(const std::string& a, const std::string& b,

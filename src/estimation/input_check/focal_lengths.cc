@@ -56,7 +56,7 @@ Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
            {"relative_sigma", SigmaOf(m)},
            {"num_pairs", static_cast<double>(m.num_pairs)}},
           text,
-          "correct it, or mark it as not known (prior_focal_length 0), so that "
+          "correct it, or mark it as unknown (prior_focal_length 0), so that "
           "it is estimated"};
 }
 

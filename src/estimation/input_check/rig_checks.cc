@@ -137,8 +137,7 @@ Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
               " deg relative to camera " + Quoted(scene.sensors[other].name) +
               " at frame " + Quoted(frame),
           "set split_rig_at to " + frame +
-              ", so that the frames from there on get a calibration of their "
-              "own"};
+              ", to calibrate the frames from there on separately"};
 }
 
 // Whether the frames comprise most samples between their first and last.
@@ -211,7 +210,7 @@ std::vector<Finding> DescribeDelays(const Scene& scene,
     const std::string& reference = scene.sensors[rig.ref_sensor_idx].name;
     finding.text = "cameras do not trigger together: relative to " +
                    Quoted(reference) + ", " + finding.text +
-                   "; stated standard deviations contain the errors by that";
+                   "; stated standard deviations include the resulting errors";
     finding.remedy = "set SoftRig.method time_offset";
     if (!delays.is_in_seconds) finding.remedy += " and image_timestamps_path";
     finding.cameras.push_back(reference);

@@ -59,7 +59,7 @@ SolveSummary RefineJointly(const TrackStage& stage,
 std::string DescribeUnobservable(int num_directions) {
   return std::to_string(num_directions) +
          " of 3 directions of the translation of sensor_from_rig are not "
-         "determined: the frames rotate too little for the matches of this "
+         "determined by the rotations of the frames and the matches of this "
          "sensor with others; they are set to zero.";
 }
 

@@ -264,8 +264,9 @@ Model ReadEitherFormat(const fs::path& folder, bool poses_only) {
     CheckOneFormat<TextModelFile, BinaryModelFile>(folder);
     return ReadFiles<TextModelFile>(folder, poses_only);
   }
-  throw Error("'" + folder.string() +
-              "' holds no model (neither images.bin nor images.txt)");
+  throw Error(
+      "'" + folder.string() +
+      "' holds no model (neither images.bin nor images.txt); check the path");
 }
 
 template <class Item>
@@ -282,7 +283,8 @@ void CheckCameras(const fs::path& folder, const Model& model) {
     if (it == model.cameras.end() || it->id != image.camera_id) {
       throw Error("the model in '" + folder.string() + "' lacks camera " +
                   std::to_string(image.camera_id.value()) + " of image '" +
-                  image.name + "'");
+                  image.name +
+                  "'; write the model again with the program that made it");
     }
   }
 }

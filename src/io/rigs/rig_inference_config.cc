@@ -181,7 +181,7 @@ RigAssignment AssignByConfig(const RigInput& input,
           "rig configuration '" + path + "': no image of " + input.Name() +
           (cameras[i].image_pattern.empty() ? " starts with the prefix '"
                                             : " fits the pattern '") +
-          cameras[i].NameRule() + "'");
+          cameras[i].NameRule() + "'; correct it, or remove the camera");
     }
   }
   NamePatternSensors(input, cameras, &assignment);

@@ -67,10 +67,9 @@ std::vector<Finding> CheckSharedFrames(const Scene& scene) {
   finding.evidence = {
       {"num_cameras", static_cast<double>(finding.cameras.size())}};
   finding.text = std::to_string(finding.cameras.size()) +
-                 " cameras share no frame, so that no rig is calibrated: "
-                 "images of one instant have different names";
+                 " cameras share no frame, so that no rig is calibrated";
   finding.remedy =
-      "if the cameras are mounted rigidly, give images of one instant equal "
+      "if the cameras are mounted rigidly, give simultaneous images equal "
       "names, or set rig_name_rule";
   return {finding};
 }
@@ -128,9 +127,9 @@ std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
          {},
          {{"num_null_fixes", static_cast<double>(priors.num_null_fixes)}},
          std::to_string(priors.num_null_fixes) +
-             " positions are latitude 0, longitude 0, as receivers write "
-             "them without a fix; they are ignored",
-         "remove them, or give the right positions"});
+             " positions are latitude 0, longitude 0, which receivers write "
+             "without a fix; they are ignored",
+         "remove them, or give the correct positions"});
   }
   for (const MapperModel& model : result.models) {
     if (!model.position_priors) continue;
@@ -223,8 +222,8 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
              {},
              {},
              {{"scale", std::exp(center)}, {"relative_sigma", sigma}},
-             "the measured positions suggest a unit of length " +
-                 std::string(number) + " times that of the known rig",
+             "the unit of length according to the measured positions is " +
+                 std::string(number) + " times the unit of the known rig",
              UnitRemedy(std::exp(center))}};
   }
   return {};

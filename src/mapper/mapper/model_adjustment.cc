@@ -129,10 +129,11 @@ void WarnIfUpsideDown(const GravityPriors& gravity, const Context& context) {
     ++num_up;
   }
   if (num_up == 0) return;
-  context.Warning("all " + std::to_string(num_up) +
-                  " steep directions of gravity point to the top of their "
-                  "images; unless the cameras are upside down, these are "
-                  "accelerations: give the opposite directions");
+  context.Warning(
+      "all " + std::to_string(num_up) +
+      " steep directions of gravity point to the top of their images; unless "
+      "the cameras are upside down, give the opposite directions: "
+      "accelerometers at rest measure the opposite of gravity");
 }
 
 // Moves the model to its final world frame.
