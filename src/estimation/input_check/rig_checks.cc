@@ -341,7 +341,7 @@ std::vector<Finding> FindSwappedCameras(
         regular.push_back(sample.frame_idx);
       }
     }
-    // Name the smaller of both groups.
+    // Report the smaller group.
     if (swapped.size() > regular.size()) std::swap(swapped, regular);
     if (swapped.size() < kMinNumRigFrames ||
         !IsOneStretch(pair.samples, swapped) ||

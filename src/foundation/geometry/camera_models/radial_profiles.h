@@ -14,9 +14,8 @@
 // r * scale(s) with s = r^2. A profile is a struct with
 //   kNumParams
 //   Evaluate(k, s)             scale and its derivatives
-//   IsIncreasing(k, s, margin) whether d(r scale)/dr > margin for all radii
-//   from
-//                              0 to sqrt(s)
+//   IsIncreasing(k, s, margin) whether d(r scale)/dr > margin for all radii up
+//                              to sqrt(s)
 //   Invert(k, target, max)     the r in [0, max) with r * scale(r^2) = target
 namespace mgsfm::internal {
 
