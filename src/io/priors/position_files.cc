@@ -77,7 +77,7 @@ using Poses = std::vector<std::pair<int, Rigid3>>;
 // (docs/reference/formats.md).
 constexpr double kMaxGapRatio = 10.0;
 
-// The image of the reference sensor, else the first one.
+// The image of the reference sensor, or else the first image.
 int MainImage(const Scene& scene, const Frame& frame) {
   for (const int image_idx : frame.image_idxs) {
     if (scene.IsReference(scene.images[image_idx].sensor_idx)) return image_idx;

@@ -58,8 +58,8 @@ std::optional<int> FindSensor(const std::string& image_name,
   return found;
 }
 
-// Images whose names agree after the prefix, or where the pattern has stars,
-// make a frame.
+// Images whose names agree after the prefix, or at the stars of the pattern,
+// form a frame.
 void AddFramesByName(const RigInput& input,
                      const std::vector<RigConfigCamera>& cameras,
                      RigAssignment* assignment) {
@@ -81,8 +81,8 @@ void AddFramesByName(const RigInput& input,
   }
 }
 
-// Sensors are called like their prefix, or like the part of the names by which
-// the pattern tells them apart.
+// Names sensors by their prefix, or by the part of the names with which the
+// pattern distinguishes them.
 void NamePatternSensors(const RigInput& input,
                         const std::vector<RigConfigCamera>& cameras,
                         RigAssignment* assignment) {
@@ -102,7 +102,7 @@ void NamePatternSensors(const RigInput& input,
   }
 }
 
-// Several cameras of one rig have images, but no frame has two of them.
+// Warns if several cameras of a rig have images, but no frame has two of them.
 void WarnIfNamesShareNoFrame(const RigInput& input,
                              const RigAssignment& assignment,
                              const Context& context) {
