@@ -88,7 +88,7 @@ ReprojectionErrors ComputeErrors(const Scene& scene,
   return errors;
 }
 
-// The reason why nothing can be adjusted; empty if something can.
+// The reason why nothing can be adjusted; empty if something can be.
 std::string WhyNotAdjustable(const ModelScene& input,
                              const BundleAdjustmentOptions& options) {
   const Scene& scene = input.scene;

@@ -53,16 +53,16 @@ MatchingInput OpenMatchingInput(
     const MatchingInputOptions& options, const Context& context,
     FeatureDatabase::OpenMode mode = FeatureDatabase::OpenMode::kExisting);
 
-// The two ways to run a matching command: all pairs into the database, by
-// `match`, or a share of those that `select` returns into a shard. Returns an
-// ExitCode.
+// The two ways to run a matching command: `match` matches all pairs into the
+// database; or a share of the pairs that `select` returns is matched into a
+// shard. Returns an ExitCode.
 int RunMatcher(
     const MatchingInputOptions& options, const Context& context,
     const std::function<void(MatchingInput*)>& match,
     const std::function<ImagePairList(const MatchingInput&)>& select);
 
-// Warns of fisheyes whose camera model is perspective. The verified matches
-// show them, so the check follows matching.
+// Warns of fisheyes with a perspective camera model. Runs after matching,
+// because verified matches reveal them.
 void WarnOfFisheyes(const MatchingInput& input,
                     const PairMatchingOptions& options, const Context& context);
 

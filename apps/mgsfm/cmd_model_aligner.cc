@@ -125,7 +125,8 @@ struct ReferencePositions {
 };
 
 PosePriorOptions PriorOptions(const ModelAlignerOptions& options) {
-  // The standard deviations at which the registration drops a position.
+  // The distance, in standard deviations, beyond which the registration drops a
+  // position.
   constexpr double kOutlierDistance = 4.0;
   PosePriorOptions priors;
   priors.use_prior_position = true;
@@ -139,7 +140,7 @@ PosePriorOptions PriorOptions(const ModelAlignerOptions& options) {
   return priors;
 }
 
-// Positions of images of the model; those of other images are skipped.
+// Positions of images of the model; skips positions of other images.
 std::vector<PosePriorRow> ReadPositions(const std::string& path,
                                         const Scene& scene) {
   std::vector<PosePriorRow> rows;
@@ -192,8 +193,8 @@ std::vector<size_t> FindImages(const Scene& model, const Scene& database,
 }
 
 // Finds the positions of the images of a model by their names. The origin of
-// GPS positions in a database is that of the mapper, the first of all images by
-// name, so that all models of a database have the same world.
+// GPS positions in a database is the same as for the mapper, the first of all
+// images by name, so that all models of a database have the same world.
 ReferencePositions ReadReference(const ModelAlignerOptions& options,
                                  const Scene& scene, const Context& context) {
   const PosePriorOptions prior_options = PriorOptions(options);
@@ -300,7 +301,7 @@ Sim3 FindTransform(const Reconstruction& before, const Reconstruction& after) {
 // Throws Error if the directions contradict the orientations of the images.
 std::optional<Eigen::Vector3d> MeasuredUp(const ReferencePositions& reference,
                                           const SceneModel& model) {
-  // Inertial sensors, and those of phones, are better by far.
+  // Inertial sensors, including those of phones, are far more accurate.
   constexpr double kMaxSigmaDeg = 10.0;
   const auto gravity = EstimateGravity(model.scene, reference.gravity, 0.0,
                                        model.reconstruction);
@@ -338,7 +339,8 @@ struct Reference {
   double max_error = 0.0;
 };
 
-// Throws Error unless enough of the reference agrees with the aligned model.
+// Throws Error unless enough reference positions or images agree with the
+// aligned model.
 void CheckAgreement(const ModelAlignerOptions& options,
                     const Reference& reference,
                     const std::vector<double>& distances,
@@ -376,7 +378,7 @@ void CheckAgreement(const ModelAlignerOptions& options,
   context.Info("aligned to " + found + numbers);
 }
 
-// The shift that brings the first image with a position to it.
+// The shift that moves the first image with a position to this position.
 Sim3 ShiftToFirstPosition(const PositionPriors& positions,
                           const SceneModel& model) {
   Sim3 shift;

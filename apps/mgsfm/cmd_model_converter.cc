@@ -119,7 +119,8 @@ Eigen::Vector3d ParseOrigin(const std::string& text) {
   return origin;
 }
 
-// Nothing is written if one of the files cannot be.
+// Throws Error before anything is written if one of the files cannot be
+// written.
 void CheckTargets(const std::vector<std::string>& paths) {
   for (const std::string& path : paths) {
     const std::string name = fs::path(path).filename();

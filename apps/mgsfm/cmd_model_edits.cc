@@ -35,7 +35,8 @@ struct ModelAnalyzerOptions {
   }
 };
 
-// The lines of COLMAP; every image and frame of a model on disk is registered.
+// The lines of COLMAP's analyzer; every image and frame of a model on disk is
+// registered.
 void Describe(const ModelStatistics& s, std::ostream& text) {
   text << std::fixed << "Rigs: " << s.num_rigs << "\nCameras: " << s.num_cameras
        << "\nFrames: " << s.num_frames
@@ -205,7 +206,7 @@ struct ImageDeleterOptions : ModelEditOptions {
   }
 };
 
-// Marks the images that a list names; `keys` are all names or ids.
+// Marks the images in a list; `keys` are all names or ids.
 void MarkDeleted(const std::string& list_path,
                  const std::vector<std::string>& keys,
                  const std::string& model_path, Mask* keeps_image) {

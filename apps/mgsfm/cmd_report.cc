@@ -69,7 +69,7 @@ struct ReportCommandOptions {
   }
 };
 
-// A model in the scene of its database, if that is known, else in its own.
+// A model in the scene of its database if known, otherwise in its own scene.
 struct ShownModel {
   Scene scene;
   Reconstruction reconstruction;

@@ -266,7 +266,7 @@ void ModelMerger::Align(int min_common_images) {
   TransformWorld(summary_.first_from_second, &in_b_);
 }
 
-// Leaves the first model as it was if a rig contradicts it.
+// Leaves the first model unchanged if a rig contradicts it.
 void ModelMerger::AddRigsOrNone() {
   const std::vector<Rig> rigs = a_.rigs;
   const std::vector<Sensor> sensors = a_.sensors;
@@ -285,8 +285,8 @@ void ModelMerger::AddRigsOrNone() {
   }
 }
 
-// The pose of a frame follows from its image of the reference sensor, else from
-// its first one.
+// The pose of a frame is computed from its image of the reference sensor, or
+// else from its first image.
 void ModelMerger::AddFrames() {
   FreeIds<FrameId> ids(a_.frames);
   for (size_t i = 0; i < b_.frames.size(); ++i) {
