@@ -120,14 +120,14 @@ struct AutomaticReconstructorOptions {
   Option<std::string> video_path{
       "video_path", "",
       "Use these videos instead of images, one per camera of the rig, "
-      "separated by blanks or commas. Images are extracted, as by "
-      "video_sampler, into the folder `videos` of the workspace."};
+      "separated by spaces or commas. As in video_sampler, images are "
+      "extracted into the folder `videos` of the workspace."};
   Option<DataType> data_type{
       "data_type", DataType::kVideo,
       "Choose the kind of images. video: in temporal order by name; matches "
       "neighbors and closes loops. individual: matches all pairs of images. "
-      "panorama, dual_fisheye: a video whose images are first split, as by "
-      "image_splitter, into the folder `views` of the workspace."};
+      "panorama, dual_fisheye: a video whose images are first split into the "
+      "folder `views` of the workspace, as in image_splitter."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Write models in binary or text format."};
   Option<bool> write_report{
@@ -135,9 +135,9 @@ struct AutomaticReconstructorOptions {
       "Write report.html, a page to inspect a model, into its folder."};
   Option<bool> adopt_fisheyes{
       "adopt_fisheyes", true,
-      "Use the model OPENCV_FISHEYE for cameras without given intrinsics or "
-      "ImageReader.camera_model whose image pairs contradict a perspective "
-      "camera and agree with a fisheye. Otherwise, a warning names them."};
+      "Use OPENCV_FISHEYE for cameras without given intrinsics or "
+      "ImageReader.camera_model if their image pairs contradict a perspective "
+      "camera and agree with a fisheye. 0: only warn about them."};
   LiveViewOptions live;
   VideoSamplingOptions video;
   SplittingOptions splitting;

@@ -38,7 +38,7 @@ struct BundleAdjusterOptions {
   Option<bool> retriangulate{
       "retriangulate", false,
       "Reject outliers and retriangulate all points in rounds, as the mapper "
-      "does. Otherwise, one solve over all observations."};
+      "does. 0: solve once over all observations."};
   Option<bool> compute_covariances{
       "compute_covariances", false,
       "Write the covariances of rig extrinsics and frame poses to "
@@ -88,7 +88,7 @@ ReprojectionErrors ComputeErrors(const Scene& scene,
   return errors;
 }
 
-// The reason why nothing can be adjusted; empty if something can.
+// The reason why nothing can be adjusted; empty if something can be.
 std::string WhyNotAdjustable(const ModelScene& input,
                              const BundleAdjustmentOptions& options) {
   const Scene& scene = input.scene;

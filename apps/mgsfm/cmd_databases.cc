@@ -60,14 +60,14 @@ struct DatabaseMergerOptions {
       "for many databases."};
   Option<std::string> image_prefix{
       "image_prefix", "",
-      "Put a prefix per database before the names of its images, separated by "
-      "commas, as in monday/,tuesday/. Set it if sessions have the same image "
-      "names."};
+      "Add these prefixes to image names, one per database, separated by "
+      "commas, such as monday/,tuesday/. Set it if sessions have the same "
+      "image names."};
   Option<std::string> vehicle{
       "vehicle", "",
-      "Name a vehicle per database, separated by commas: databases of one "
-      "vehicle share the cameras of equal folders, and the rig. By default, "
-      "each database has cameras of its own."};
+      "Name the vehicle of each database, separated by commas. Databases of "
+      "one vehicle share the rig and the cameras of equal folders. By default, "
+      "each database has its own cameras."};
   Option<std::string> merged_database_path{
       "merged_database_path", "", Required(),
       "Write this database, which must not exist."};

@@ -104,8 +104,8 @@ nlohmann::ordered_json ToJson(const Camera& camera) {
           {"params", camera.params}};
 }
 
-// Everything that images depend on, so that a run continues another one only if
-// it would write the same.
+// Everything that images depend on, so that a run continues another only if it
+// would write the same images.
 std::string Settings(const ImageUndistorterOptions& options,
                      const Reconstruction& model,
                      const std::vector<std::vector<View>>& views_of_camera,
@@ -153,7 +153,7 @@ std::vector<std::vector<View>> PlanAllViews(const Reconstruction& model,
 void LogViews(const Scene& scene,
               const std::vector<std::vector<View>>& views_of_camera,
               const Context& context) {
-  // Bounds the log, not what is written.
+  // Limits the log, not the output.
   constexpr size_t kMaxNumCameras = 20;
   for (size_t i = 0; i < std::min(kMaxNumCameras, views_of_camera.size());
        ++i) {
@@ -199,8 +199,8 @@ std::vector<ImageTask> MakeTasks(const Scene& original,
   return list;
 }
 
-// Their poses follow from other images of their frames, so that no point tells
-// whether they show the scene.
+// Warns of images without points: their poses come from other images of their
+// frames, so no point shows whether they see the scene.
 void WarnOfImagesWithoutPoints(const SceneModel& model,
                                const Context& context) {
   Mask has_point(model.scene.images.size(), false);

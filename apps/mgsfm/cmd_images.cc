@@ -139,8 +139,8 @@ struct FeatureExtractorOptions {
       "Read the images of this folder and its subfolders."};
   Option<std::string> shard{
       "shard", "",
-      "Extract share i of n, as in 3/8, into a database of its own, which "
-      "database_merger joins with the others. Set it to use several processes "
+      "Extract share i of n, such as 3/8, into a separate database. "
+      "database_merger joins these databases. Set it to use several processes "
       "or machines."};
   FeatureExtractionOptions extraction;
 
@@ -190,8 +190,8 @@ int RunFeatureImporter(const FeatureImporterOptions& options,
 struct VideoSamplerOptions {
   Option<std::string> video_path{
       "video_path", "", Required(),
-      "Sample these videos, one per camera of the rig, separated by blanks or "
-      "commas. The first one decides which frames are sampled."};
+      "Sample these videos, one per camera of the rig, separated by spaces or "
+      "commas. The first video determines which frames are sampled."};
   Option<std::string> output_path{
       "output_path", "", Required(),
       "Write images/VIDEO/TIME.jpg and timestamps.txt into this folder. Images "
@@ -227,7 +227,7 @@ struct ImageSplitterOptions {
       "side, split into left and right."};
   Option<std::string> image_list_path{
       "image_list_path", "",
-      "Use only the images that this file names, one per line, relative to the "
+      "Use only the images listed in this file, one per line, relative to the "
       "image folder. By default, all images of the folder are used."};
   Option<std::string> mask_path{"mask_path", "",
                                 "Split the masks in this folder, too, such as "
@@ -270,9 +270,9 @@ struct RigConfiguratorOptions {
       "matches stay."};
   Option<std::string> image_path{
       "image_path", "",
-      "Read the EXIF times of the images in this folder if "
-      "frame_max_time_difference_s needs them and a name has none, and write "
-      "them to timestamps.txt beside the database."};
+      "Read EXIF times from the images in this folder if "
+      "frame_max_time_difference_s needs times that image names lack. The "
+      "times are written to timestamps.txt beside the database."};
   SceneLoadingOptions rigs;
 
   template <class Visitor>

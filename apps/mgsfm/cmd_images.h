@@ -22,7 +22,7 @@ void ExtractInto(const std::string& database_path,
                  const FeatureExtractionOptions& options,
                  const std::optional<Share>& share, const Context& context);
 
-// SampleVideos for a list of videos, which commas separate; logs the result.
+// SampleVideos for a list of videos separated by commas; logs the result.
 void SampleVideosInto(const std::filesystem::path& output_path,
                       const std::string& video_paths,
                       const VideoSamplingOptions& options,

@@ -22,21 +22,20 @@ struct MapperCommandOptions {
                                  "Color the points by the images in this "
                                  "folder. Without it, all points are black."};
   Option<std::string> input_path{"input_path", "",
-                                 "Extend the model in this folder by the "
+                                 "Extend the model in this folder with the "
                                  "frames of the database that it lacks."};
   Option<std::string> image_list_path{
       "image_list_path", "",
-      "Use only the images that this file names, one per line, and those of "
-      "the model to extend."};
+      "Use only the images listed in this file, one per line, and the images "
+      "of the model to extend."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Write models in binary or text format."};
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
-  Option<int> max_memory_mib{
-      "max_memory", 0, AtLeast(0), "MiB",
-      "End with a message before the reconstruction if it would need more "
-      "memory. 0: no limit."};
+  Option<int> max_memory_mib{"max_memory", 0, AtLeast(0), "MiB",
+                             "Stop with a message before the reconstruction if "
+                             "it would need more memory. 0: no limit."};
   Option<std::string> fixed_region_mask_path{
       "fixed_region_mask_path", "",
       "Write masks of the image regions that move along with the rig, such as "

@@ -22,17 +22,17 @@ struct MatchingInputOptions {
       "features; pairs that have them are skipped."};
   Option<std::string> shard{
       "shard", "",
-      "Match share i of n of the pairs, as in 3/8, into the database "
+      "Match share i of n of the pairs, such as 3/8, into the database "
       "shard_path. database_path is only read, by any number of processes. "
       "database_merger joins the shards."};
   Option<std::string> shard_path{
       "shard_path", "",
       "Write the matches of one share to this database, which is created if "
-      "missing. A run that was interrupted continues."};
+      "missing. An interrupted run continues."};
   Option<std::string> output_pairs_path{
       "output_pairs_path", "",
-      "Write the selected pairs to this file and match nothing. Set it to "
-      "select once, and to match the pairs by matches_importer --shard."};
+      "Write the selected pairs to this file without matching them. Set it to "
+      "select pairs once and match them with matches_importer --shard."};
   SceneLoadingOptions loading;
   PairMatchingOptions matching;
 
@@ -53,16 +53,16 @@ MatchingInput OpenMatchingInput(
     const MatchingInputOptions& options, const Context& context,
     FeatureDatabase::OpenMode mode = FeatureDatabase::OpenMode::kExisting);
 
-// The two ways to run a matching command: all pairs into the database, by
-// `match`, or a share of those that `select` returns into a shard. Returns an
-// ExitCode.
+// The two ways to run a matching command: `match` matches all pairs into the
+// database; or a share of the pairs that `select` returns is matched into a
+// shard. Returns an ExitCode.
 int RunMatcher(
     const MatchingInputOptions& options, const Context& context,
     const std::function<void(MatchingInput*)>& match,
     const std::function<ImagePairList(const MatchingInput&)>& select);
 
-// Warns of fisheyes whose camera model is perspective. The verified matches
-// show them, so the check follows matching.
+// Warns of fisheyes with a perspective camera model. Runs after matching,
+// because verified matches reveal them.
 void WarnOfFisheyes(const MatchingInput& input,
                     const PairMatchingOptions& options, const Context& context);
 

@@ -69,12 +69,12 @@ struct ModelAlignerOptions : ModelEditOptions {
       "ref_model_path", "", "Align to this model, by images of the same name."};
   Option<AlignmentType> alignment_type{
       "alignment_type", AlignmentType::kCustom,
-      "Choose the world. custom: align to the positions or the model above; "
-      "GPS becomes meters east, north and up of the first position. For GPS "
-      "positions only: enu, the same; ecef, earth-centered; enu-plane, east, "
-      "north and up of the center of the points; enu-plane-unscaled, the same "
-      "in the unit of the model. plane: needs no reference; z is up and the "
-      "trajectory lies in the plane z = 0."};
+      "Choose the world. custom: the world of the positions or the model "
+      "above; GPS becomes meters east, north and up of the first position. For "
+      "GPS positions only: enu, like custom; ecef, earth-centered; enu-plane, "
+      "east, north and up of the center of the points; enu-plane-unscaled, "
+      "like enu-plane, but in the unit of the model. plane: without reference; "
+      "z is up and the trajectory lies in the plane z = 0."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<int> min_common_images{
@@ -85,8 +85,8 @@ struct ModelAlignerOptions : ModelEditOptions {
       "Estimate the scale. 0 keeps the unit of the model."};
   Option<bool> robust_alignment{
       "robust_alignment", true,
-      "Find the positions that fit the model (RANSAC). 0 aligns to all "
-      "positions by least squares, and accepts any distances."};
+      "Reject positions that do not fit the model (RANSAC). 0: align to all "
+      "positions by least squares, whatever their distances."};
   Option<double> alignment_max_error{
       "alignment_max_error", 4.0, GreaterThan(0.0), "units of the reference",
       "Count positions, or images of the other model, within this distance of "
@@ -102,8 +102,8 @@ struct ModelAlignerOptions : ModelEditOptions {
       "position."};
   Option<bool> use_prior_gravity{
       "use_prior_gravity", false,
-      "Use the gravity directions in the table pose_priors of --database_path: "
-      "as upward direction of plane, and of GPS positions on a line."};
+      "Use the gravity directions in the table pose_priors of --database_path "
+      "as upward direction for plane and for GPS positions on a line."};
   Option<std::string> transform_path{
       "transform_path", "",
       "Write the transform to this file: scale qw qx qy qz tx ty tz."};
@@ -125,7 +125,8 @@ struct ReferencePositions {
 };
 
 PosePriorOptions PriorOptions(const ModelAlignerOptions& options) {
-  // The standard deviations at which the registration drops a position.
+  // The distance, in standard deviations, beyond which the registration drops a
+  // position.
   constexpr double kOutlierDistance = 4.0;
   PosePriorOptions priors;
   priors.use_prior_position = true;
@@ -139,7 +140,7 @@ PosePriorOptions PriorOptions(const ModelAlignerOptions& options) {
   return priors;
 }
 
-// Positions of images of the model; those of other images are skipped.
+// Positions of images of the model; skips positions of other images.
 std::vector<PosePriorRow> ReadPositions(const std::string& path,
                                         const Scene& scene) {
   std::vector<PosePriorRow> rows;
@@ -192,8 +193,8 @@ std::vector<size_t> FindImages(const Scene& model, const Scene& database,
 }
 
 // Finds the positions of the images of a model by their names. The origin of
-// GPS positions in a database is that of the mapper, the first of all images by
-// name, so that all models of a database have the same world.
+// GPS positions in a database is the same as for the mapper, the first of all
+// images by name, so that all models of a database have the same world.
 ReferencePositions ReadReference(const ModelAlignerOptions& options,
                                  const Scene& scene, const Context& context) {
   const PosePriorOptions prior_options = PriorOptions(options);
@@ -265,9 +266,10 @@ void CheckCount(size_t num_images, const std::string& reference,
                 const ModelAlignerOptions& options) {
   if (num_images >= static_cast<size_t>(options.min_common_images)) return;
   throw Error("only " + std::to_string(num_images) + " images of '" +
-              *options.input_path + "' have a place in '" + reference +
+              *options.input_path + "' have a reference in '" + reference +
               "', fewer than --min_common_images " +
-              std::to_string(options.min_common_images));
+              std::to_string(options.min_common_images) +
+              "; check that the image names agree");
 }
 
 // The transform of a world that moved the frames from `before` to `after`.
@@ -299,7 +301,7 @@ Sim3 FindTransform(const Reconstruction& before, const Reconstruction& after) {
 // Throws Error if the directions contradict the orientations of the images.
 std::optional<Eigen::Vector3d> MeasuredUp(const ReferencePositions& reference,
                                           const SceneModel& model) {
-  // Inertial sensors, and those of phones, are better by far.
+  // Inertial sensors, including those of phones, are far more accurate.
   constexpr double kMaxSigmaDeg = 10.0;
   const auto gravity = EstimateGravity(model.scene, reference.gravity, 0.0,
                                        model.reconstruction);
@@ -337,7 +339,8 @@ struct Reference {
   double max_error = 0.0;
 };
 
-// Throws Error unless enough of the reference agrees with the aligned model.
+// Throws Error unless enough reference positions or images agree with the
+// aligned model.
 void CheckAgreement(const ModelAlignerOptions& options,
                     const Reference& reference,
                     const std::vector<double>& distances,
@@ -375,7 +378,7 @@ void CheckAgreement(const ModelAlignerOptions& options,
   context.Info("aligned to " + found + numbers);
 }
 
-// The shift that brings the first image with a position to it.
+// The shift that moves the first image with a position to this position.
 Sim3 ShiftToFirstPosition(const PositionPriors& positions,
                           const SceneModel& model) {
   Sim3 shift;

@@ -49,31 +49,30 @@ struct ModelConverterOptions {
       "(georeferenced trajectories)."};
   Option<TrajectoryPoses> poses{
       "poses", TrajectoryPoses::kFrame,
-      "Choose the poses of a trajectory. frame: those of the reference camera "
-      "of the rig. camera: those of every camera, in a folder with one file "
+      "Choose the poses of a trajectory. frame: poses of the reference camera "
+      "of the rig. camera: poses of every camera, in a folder with one file "
       "per camera."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
-      "Read the times for tum and euroc from this file, a line `image_name "
-      "SECONDS` per image. Without it, image names must be times or numbers of "
-      "seconds."};
-  Option<std::string> image_path{
-      "image_path", "",
-      "Read the sizes of images from this folder for nvm and bundler as input, "
-      "as these formats lack them."};
+      "Read the times for tum and euroc from this file with one line "
+      "`image_name SECONDS` per image. Without it, image names must be times "
+      "or numbers of seconds."};
+  Option<std::string> image_path{"image_path", "",
+                                 "Read image sizes from this folder for nvm "
+                                 "and bundler input, which lacks them."};
   Option<std::string> list_path{
       "list_path", "",
-      "Read the list of images for bundler as input. By default, it is beside "
-      "the file: a.list.txt for a.bundle.out, list.txt for bundle.out."};
+      "Read the list of images for bundler input. By default, it is beside the "
+      "file: a.list.txt for a.bundle.out, list.txt for bundle.out."};
   Option<std::string> database_path{
       "database_path", "",
-      "Give the poses of tum, kitti and euroc as input to the cameras and "
+      "Assign the poses of tum, kitti and euroc input to the cameras and "
       "images of this database. point_triangulator adds the points."};
   Option<std::string> origin{
       "origin", "",
       "Set latitude,longitude,altitude (degrees, meters) of the origin of the "
-      "east-north-up world for geojson and kml. By default, geo_origin.json in "
-      "the model states it."};
+      "east-north-up world for geojson and kml. By default, it is read from "
+      "geo_origin.json in the model."};
   ModelRigOptions rigs;
 
   template <class Visitor>
@@ -116,7 +115,8 @@ Eigen::Vector3d ParseOrigin(const std::string& text) {
   return origin;
 }
 
-// Nothing is written if one of the files cannot be.
+// Throws Error before anything is written if one of the files cannot be
+// written.
 void CheckTargets(const std::vector<std::string>& paths) {
   for (const std::string& path : paths) {
     const std::string name = fs::path(path).filename();

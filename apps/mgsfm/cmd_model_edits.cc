@@ -35,7 +35,8 @@ struct ModelAnalyzerOptions {
   }
 };
 
-// The lines of COLMAP; every image and frame of a model on disk is registered.
+// The lines of COLMAP's analyzer; every image and frame of a model on disk is
+// registered.
 void Describe(const ModelStatistics& s, std::ostream& text) {
   text << std::fixed << "Rigs: " << s.num_rigs << "\nCameras: " << s.num_cameras
        << "\nFrames: " << s.num_frames
@@ -118,8 +119,8 @@ struct ModelCropperOptions : ModelEditOptions {
       "0.01,0.99."};
   Option<bool> boundary_is_gps{
       "boundary_is_gps", false,
-      "Take the corners of the box for latitude,longitude,altitude. The model "
-      "must have a geo_origin.json."};
+      "Interpret the corners of the box as latitude,longitude,altitude. The "
+      "model must have a geo_origin.json."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -193,10 +194,10 @@ struct ImageDeleterOptions : ModelEditOptions {
 
   Option<std::string> image_names_path{
       "image_names_path", "",
-      "Delete the images that this text file names, one per line."};
+      "Delete the images listed in this text file, one name per line."};
   Option<std::string> image_ids_path{
       "image_ids_path", "",
-      "Delete the images whose ids this text file lists, one per line."};
+      "Delete the images listed in this text file, one id per line."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -205,7 +206,7 @@ struct ImageDeleterOptions : ModelEditOptions {
   }
 };
 
-// Marks the images that a list names; `keys` are all names or ids.
+// Marks the images in a list; `keys` are all names or ids.
 void MarkDeleted(const std::string& list_path,
                  const std::vector<std::string>& keys,
                  const std::string& model_path, Mask* keeps_image) {
@@ -257,8 +258,8 @@ struct ModelSplitterOptions {
       "output_path", "", Required(),
       "Write the models 0, 1, ... into this folder."};
   Option<int> num_clusters{"num_clusters", 2, AtLeast(2), "clusters",
-                           "Split into this many models. There are fewer if "
-                           "cuts would cross weak places."};
+                           "Split into this many models, or fewer if further "
+                           "cuts would cross weak seams."};
   Option<int> num_overlap_frames{
       "num_overlap_frames", 10, AtLeast(3), "frames",
       "Let both models share this many frames on either side of a cut."};

@@ -49,11 +49,11 @@ struct EvaluatorOptions {
       "between frames of the model count."};
   Option<std::string> image_prefix{
       "image_prefix", "",
-      "Evaluate only images whose names start with this, such as seq1/."};
+      "Evaluate only images whose names have this prefix, such as seq1/."};
   Option<std::string> reference{
       "reference", "",
-      "Name the folder of the camera whose poses --gt_path holds; by default "
-      "the reference sensor of the model's rig, or the first folder."};
+      "Name the folder of the camera whose poses are in --gt_path. By default, "
+      "it is the reference sensor of the model's rig, or the first folder."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
       "Choose how image names identify cameras and frames if the model has no "
@@ -66,8 +66,8 @@ struct EvaluatorOptions {
   Option<LengthUnit> gt_unit{
       "gt_unit", LengthUnit::kAuto,
       "State the unit of length of the ground truth, for the output. auto: m "
-      "for kitti, tum and georeferenced models; otherwise units, as models do "
-      "not state theirs."};
+      "for kitti, tum and georeferenced models; otherwise units, because "
+      "models do not state their unit."};
   Option<std::string> json{"json", "", "Write the errors to a JSON file."};
   Option<std::string> svg_path{
       "svg_path", "", "Write an SVG plot of the trajectory and its errors."};

@@ -53,12 +53,13 @@ struct ModelMergerOptions {
       "input_path", "",
       "Join the sub-maps in this folder with graph: an output folder of the "
       "mapper for each cluster, named 0, 1, ..."};
-  Option<std::string> cluster_path{"cluster_path", "",
-                                   "Name the clusters without model by this "
-                                   "folder of mapper --partition, with graph."};
+  Option<std::string> cluster_path{
+      "cluster_path", "",
+      "Report clusters without a model by their names in this folder of mapper "
+      "--partition, with graph."};
   Option<std::string> database_path{
       "database_path", "",
-      "Close loops between clusters by the matches of this database, with "
+      "Close loops between clusters with the matches of this database, with "
       "graph. It is not changed."};
   Option<bool> refine{"refine", true, "Adjust the joined models of graph."};
   Option<int> max_memory_mib{

@@ -32,10 +32,9 @@ struct ReportCommandOptions {
       "is there or in the folder above."};
   Option<std::string> output_path{"output_path", "", Required(),
                                   "Write this HTML file."};
-  Option<std::string> database_path{
-      "database_path", "",
-      "Show images that are not registered and pairs that were rejected, by "
-      "this database of the model."};
+  Option<std::string> database_path{"database_path", "",
+                                    "Show unregistered images and rejected "
+                                    "pairs from this database of the model."};
   Option<std::string> image_path{
       "image_path", "", "Show thumbnails of the images in this folder."};
   Option<std::string> compare_path{
@@ -49,17 +48,16 @@ struct ReportCommandOptions {
       "State the format of the true poses, as for model_evaluator."};
   Option<std::string> calib_path{
       "calib_path", "", "Compare with this true rig, as for model_evaluator."};
-  Option<double> max_size_mb{"max_size", 10.0, AtLeast(1.0), "MB",
-                             "Limit the size of the file, and so the points, "
-                             "tracks and thumbnails in it."};
+  Option<double> max_size_mb{
+      "max_size", 10.0, AtLeast(1.0), "MB",
+      "Limit the size of the file by selecting points, tracks and thumbnails."};
   Option<std::string> figures{
       "figures", "",
       "Write the trajectory, the rig, the residual maps, the view graph and, "
       "with --gt_path, the errors as SVG files into this folder."};
-  Option<bool> side_files{
-      "side_files", false,
-      "Write the points that do not fit into files beside the page, from which "
-      "it loads them on request."};
+  Option<bool> side_files{"side_files", false,
+                          "Write the points that do not fit into the page to "
+                          "files beside it, which the page loads on request."};
   SceneLoadingOptions loading;
 
   template <class Visitor>
@@ -70,7 +68,7 @@ struct ReportCommandOptions {
   }
 };
 
-// A model in the scene of its database, if that is known, else in its own.
+// A model in the scene of its database if known, otherwise in its own scene.
 struct ShownModel {
   Scene scene;
   Reconstruction reconstruction;
@@ -209,10 +207,10 @@ void WarnOfOtherReport(const RunReport& report, const Scene& scene,
   const auto num_images = model.find("num_images");
   if (num_images == model.end() || !num_images->is_number_unsigned()) return;
   if (num_images->get<size_t>() == scene.images.size()) return;
-  context.Warning("report.json tells of " + num_images->dump() +
+  context.Warning("report.json describes " + num_images->dump() +
                   " images, but the model has " +
                   std::to_string(scene.images.size()) +
-                  "; it is of another run");
+                  "; check that it belongs to the run of this model");
 }
 
 PoseComparison Compare(const std::string& label, const TruthSource& source) {

@@ -94,7 +94,7 @@ struct SimulateCommandOptions {
       "matches and vehicles have no effect."};
   Option<double> render_scale{
       "render_scale", 1.0, GreaterThan(0.0),
-      "Scale of the images relative to the cameras of the rig."};
+      "Scale the images relative to the cameras of the rig."};
   Option<ImageFormat> render_format{"render_format", ImageFormat::kPng,
                                     "Choose the file format of the images."};
   Option<int> render_jpeg_quality{

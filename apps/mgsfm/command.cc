@@ -34,7 +34,7 @@ namespace fs = std::filesystem;
 struct Output {
   const char* commands;  // separated by blanks
   const char* option;
-  // What the command writes, relative to the path that the option names: files,
+  // The outputs of the command, relative to the path in the option: files,
   // folders of a model ("sparse/"), and folders of numbered models
   // ("sparse/*"). "." is the path itself, and "export" its files: the path,
   // those in it, and the path with an extension.
@@ -115,7 +115,7 @@ bool Replaces(const Output& output, const fs::path& target,
 struct Target {
   const Output* output;
   std::string path;
-  // A file of its own, unlike a database, which is extended.
+  // A separate file, unlike a database, which is extended.
   bool is_new_file;
 };
 
@@ -146,8 +146,8 @@ bool EndsWith(const std::string& text, const std::string& end) {
          text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
 
-// The files behind an input path. A folder stands for the files of the model in
-// it; outputs never replace images, nor pipes.
+// The files behind an input path. A folder represents the files of its model;
+// outputs never replace images or pipes.
 std::vector<fs::path> FilesOf(const fs::path& path) {
   std::error_code ignored;
   if (fs::is_fifo(path, ignored)) return {};
@@ -186,8 +186,8 @@ std::vector<NamedPath> ReadInputs(const std::vector<Target>& targets,
   return inputs;
 }
 
-// The kind of a file of the user's that no table, list or page may replace,
-// even if it is no input; empty for other files.
+// The kind of a user's file that no table, list or page may replace, even if it
+// is not an input; empty for other files.
 std::string KindOfKeptFile(const std::string& target) {
   std::error_code ignored;
   if (!fs::is_regular_file(target, ignored)) return "";
@@ -198,7 +198,7 @@ std::string KindOfKeptFile(const std::string& target) {
 
 void CheckIsNotKept(const Target& target) {
   const std::string option = target.output->option;
-  // The command itself reads an existing database there, and extends or refuses
+  // The command itself reads an existing database there, and extends or rejects
   // it.
   if (option == "shard_path" || option == "merged_database_path") return;
   const std::string kind = KindOfKeptFile(target.path);
@@ -207,7 +207,7 @@ void CheckIsNotKept(const Target& target) {
               ", which the output would replace; choose another " + option);
 }
 
-// A new file is neither named like a file of a model nor another output.
+// A new file must not have the name of a model file, nor be another output.
 void CheckNewFiles(const std::string& command,
                    const std::vector<Target>& targets) {
   std::map<fs::path, std::string> option_of_file;
@@ -215,7 +215,7 @@ void CheckNewFiles(const std::string& command,
     if (!target.is_new_file) continue;
     const std::string option = target.output->option;
     const std::string remedy = "; choose another " + option;
-    // The page of a model may stand beside the model.
+    // The page of a model may be beside the model.
     const bool is_page = command == "report";
     if (!is_page && IsModelFileName(fs::path(target.path).filename())) {
       throw Error("'" + target.path + "' (--" + option +
@@ -264,8 +264,8 @@ bool IsFlag(const std::string& argument) {
   return argument.size() > 2 && argument.compare(0, 2, "--") == 0;
 }
 
-// Options with a list of paths, which commas separate. On the command line,
-// each path may be an argument, as shells expand them.
+// Options with a list of paths separated by commas. On the command line, each
+// path may be a separate argument, as shells expand them.
 bool TakesList(const std::string& name) {
   return name == "calibration_path" || name == "video_path";
 }
@@ -338,7 +338,7 @@ OptionAdvice AdviceFor(const OptionList& options) {
 void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
   std::vector<std::string> names;
   for (const Flag& flag : flags) names.push_back(flag.name);
-  // An unknown name is a likelier mistake than a missing value.
+  // An unknown name is more likely than a missing value.
   CheckOptionNames(options, names, AdviceFor(options));
   std::set<std::string> known;
   for (const Flag& flag : flags) {

@@ -22,7 +22,7 @@
 //
 //      struct FooCommandOptions {
 //        Option<std::string> input_path{"input_path", "", Required(),
-//                                       "Folder of the model to read."};
+//                                       "Read the model in this folder."};
 //        TrackOptions tracks;
 //
 //        template <class Visitor>

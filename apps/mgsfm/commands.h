@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// All of the below, in the order of --help.
+// All commands below, in the order of --help.
 std::vector<Command> AllCommands();
 
 // Defined in cmd_*.cc.

@@ -43,7 +43,7 @@ const Table& Commands() {
 }
 
 // Names without sections, which differ between the versions of COLMAP. The
-// first replacement that the command has counts.
+// first replacement that the command has is used.
 const std::multimap<std::string, std::string>& ReplacedOptions() {
   static const std::multimap<std::string, std::string> kTable = {
       {"ba_global_function_tolerance", "BundleAdjustment.function_tolerance"},
@@ -195,7 +195,7 @@ std::optional<std::string> AdviceOnOption(const std::string& name,
 
 namespace {
 
-// The one place that tells basic options from advanced ones.
+// The only list that separates basic from advanced options.
 struct BasicHelp {
   std::string_view command;
   const char* example;
@@ -365,7 +365,7 @@ std::string FirstClause(const std::string& text) {
   return text;
 }
 
-// Appends words to a line of 80 columns, and to further ones behind an indent.
+// Appends words to a line of 80 columns, and to further indented lines.
 void AppendWords(std::string line, const std::string& words_text, size_t indent,
                  std::string* text) {
   TextInput words(words_text);

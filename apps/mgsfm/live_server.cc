@@ -94,13 +94,14 @@ bool IsLoopback(const std::string& address) {
 
 namespace {
 
-// A browser opens at most six connections to one address: room for ten readers.
+// A browser opens at most six connections to one address: enough for ten
+// readers.
 constexpr unsigned kMaxConnections = 64;
-// Browsers send the cookies of all programs that served this address.
+// Browsers send the cookies of all programs that have served this address.
 constexpr size_t kMaxRequestBytes = 32768;
 // A request is smaller than two dozen packets, so it arrives in one go.
 constexpr double kMaxRequest_s = 5.0;
-// A report of 10 MB takes 8 s at 10 Mbit/s; slower lines need more.
+// A report of 10 MB takes 8 s at 10 Mbit/s; slower connections need more.
 constexpr double kMaxConnection_s = 60.0;
 // The time that an incomplete request may take if others wait.
 constexpr double kMinRequest_s = 1.0;
@@ -325,7 +326,7 @@ class LiveServer::Impl {
           MHD_get_connection_info(handle, MHD_CONNECTION_INFO_CONNECTION_FD);
       if (info != nullptr) impl->connections_[handle].fd = info->connect_fd;
     } catch (const std::exception&) {
-      // If the entry cannot be allocated, the connection ends only by itself.
+      // If the entry cannot be allocated, the connection only ends by itself.
     }
   }
 

@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// The parts of an HTTP request that tell who sent it.
+// The parts of an HTTP request that identify its sender.
 struct LiveRequest {
   std::string method;
   std::string path;
@@ -22,7 +22,7 @@ struct LiveRefusal {
   const char* reason = "";
 };
 
-// Accepts a request only if it is one that the live page makes:
+// Accepts only requests that the live page makes:
 //
 //   method  GET
 //   Host    an address in numbers, or localhost. Any other name may be one
@@ -40,8 +40,8 @@ std::optional<LiveRefusal> RefusalOf(const LiveRequest& request,
 bool IsLoopback(const std::string& address);
 
 // Serves a few documents over HTTP to the live page (RefusalOf() has the
-// rules), from a thread of its own. Clients cannot change anything; whatever
-// they send, the rest of the program only notices the processor time:
+// rules), from a separate thread. Clients cannot change anything; their
+// requests only cost processor time:
 //
 //   request      at most 32 KiB, without a body, complete within 5 s
 //   answer       fetched within 60 s; then the connection is closed
@@ -52,7 +52,7 @@ bool IsLoopback(const std::string& address);
 class LiveServer {
  public:
   // `address` in numbers; port 0 is replaced by a free one. Throws Error if the
-  // address is none of this machine or the port is in use.
+  // address does not belong to this machine or the port is in use.
   LiveServer(const std::string& address, int port);
   ~LiveServer();
   LiveServer(const LiveServer&) = delete;
@@ -65,8 +65,8 @@ class LiveServer {
   void Publish(const std::string& path, const std::string& content_type,
                const std::string& content);
 
-  // If a client asked for something in the last three seconds, waits until the
-  // present content of a path has been sent, but at most `seconds`.
+  // If a client has requested something in the last three seconds, waits until
+  // the current content of a path has been sent, but at most `seconds`.
   void AwaitReader(const std::string& path, double seconds);
 
  private:

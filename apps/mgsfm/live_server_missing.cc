@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Stands in for live_server.cc in builds without libmicrohttpd.
+// Replaces live_server.cc in builds without libmicrohttpd.
 #include "live_server.h"
 #include "mgsfm/base/error.h"
 

@@ -13,12 +13,12 @@
 namespace mgsfm {
 namespace {
 
-// The page asks every second, so a quarter of it is the most that it lags.
+// The page asks every second, so it lags by at most a quarter of this.
 constexpr double kStateInterval_s = 0.25;
 // The last messages; the log has all of them.
 constexpr size_t kMaxMessages = 12;
-// A model is published at most at this interval, and so rarely that it costs at
-// most 2 % of the time.
+// Models are published at most at this interval, and so rarely that they cost
+// at most 2 % of the time.
 constexpr double kModelInterval_s = 1.0;
 constexpr double kMinTimeBetweenModelsPerCost = 50.0;
 // Enough for 50,000 points; each model is sent as a whole.
@@ -111,7 +111,7 @@ void LiveView::ShowModel(const Scene& scene, const Reconstruction& model,
   } catch (const Interrupted&) {
     throw;
   } catch (const std::exception&) {
-    // The view shows the model before; the run matters more.
+    // The view keeps the previous model; the run matters more.
   }
   next_model_s_ = since_start_.Seconds() +
                   std::max(kModelInterval_s,

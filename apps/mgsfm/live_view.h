@@ -33,8 +33,8 @@ struct LiveViewOptions {
 // Shows a run in a browser: the report page of the model that is being
 // reconstructed, the stage, the remaining time and the last messages.
 //
-// Making a page takes time. After each one, at least 50 times as long passes
-// before the next, so that the run becomes at most 2 % longer.
+// After each page, at least 50 times as long as making it passes before the
+// next, so that the run becomes at most 2 % longer.
 class LiveView {
  public:
   // Null unless the options name a port. Throws Error if it cannot be used.
@@ -42,16 +42,16 @@ class LiveView {
                                          const std::string& title,
                                          const Context& context);
 
-  // The context with progress and messages that the view shows, too. The view
-  // must outlive it.
+  // The context whose progress and messages the view also shows. The view must
+  // outlive it.
   Context Watch(const Context& context);
 
   // Shows models of this scene. View, scene and context must outlive the
   // observer.
   ModelObserver Observe(const Scene& scene, const Context& context);
 
-  // Replaces the view by the page of the finished model, unless that is "".
-  // Waits a moment for a browser that watches to fetch it.
+  // Replaces the view by the page of the finished model, unless the page is "".
+  // Waits briefly for a browser to fetch it.
   void Finish(const std::string& page);
 
  private:

@@ -37,7 +37,7 @@ struct MapperRun {
   std::string fixed_region_mask_path = {};  // folder; may be empty
 };
 
-// The input of the mapper, and the facts about it that the report states.
+// The input of the mapper, and facts about it for the report.
 struct LoadedInput {
   MapperInput mapper;
   std::string rig_source;
@@ -45,7 +45,8 @@ struct LoadedInput {
 
 struct StartUse {
   bool takes_points = true;  // of the model, see PlaceModel
-  // Poses are fixed: images that do not move as rigid units become single ones.
+  // Whether poses are fixed: images that do not move as rigid units then become
+  // single.
   bool holds_poses = false;
 };
 
@@ -54,7 +55,7 @@ struct StartUse {
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context);
 
-// What the report says of a run and its input.
+// The description of a run and its input in the report.
 RunDescription DescribeInput(const MapperRun& run, const Context& context);
 
 // Colors the points of models, unless `image_path` is empty.

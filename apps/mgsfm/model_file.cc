@@ -12,7 +12,7 @@
 namespace mgsfm {
 namespace {
 
-// Whether the tables of rigs and frames say more than the images do.
+// Whether the rigs and frames contain more information than the images.
 bool HasRigs(const PoseModel& poses) {
   return std::any_of(poses.frames.begin(), poses.frames.end(),
                      [](const ModelFrame& frame) {

@@ -21,18 +21,18 @@ inline Option<ModelFormat> ModelFormatOption() {
           "Write the model in binary or text format."};
 }
 
-// The rigs of commands on finished models. These commands make no rigs by
-// themselves, as the mapper does: that would change the poses of images.
+// The rigs of commands on finished models. Unlike the mapper, these commands do
+// not infer rigs, because this would change the poses of images.
 struct ModelRigOptions {
   Option<std::string> rig_config_path{
       "rig_config_path", "",
       "Group the images into the rigs of COLMAP's rig_config.json or of an "
-      "earlier model, and fit the poses of the rigs to those of the images."};
+      "earlier model, and fit the poses of the rigs to the image poses."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Choose the source of rigs and frames: auto (those of the model, "
-      "otherwise single images), none (single images), or a regular expression "
-      "on image names, as for the mapper, that groups the images into rigs."};
+      "Choose the source of rigs and frames: auto (from the model, otherwise "
+      "single images), none (single images), or a regular expression on image "
+      "names, as for the mapper, that groups the images into rigs."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -40,7 +40,7 @@ struct ModelRigOptions {
   }
 };
 
-// A model on disk, and its place on the earth if it has one.
+// A model on disk, and its georeference if it has one.
 struct ModelFile {
   SceneModel model;
   std::optional<Eigen::Vector3d> origin_wgs84;
@@ -62,7 +62,7 @@ void WriteModelAndRig(const std::filesystem::path& folder, const Scene& scene,
 void WriteModelFile(const ModelFile& model, ModelFormat format,
                     const Context& context, StagedOutput* output);
 
-// What commands that change a model share.
+// The common options of commands that change a model.
 struct ModelEditOptions {
   ModelEditOptions(const char* input_help, const char* output_help)
       : input_path("input_path", "", Required(), input_help),

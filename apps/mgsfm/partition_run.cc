@@ -227,7 +227,7 @@ void LogClusters(const ViewGraphPartition& partition, int num_wanted,
 
 int PartitionDatabase(const MapperRun& run, const PartitionOptions& options,
                       const Context& context) {
-  // It would be replaced as that of an earlier run.
+  // An existing report would be replaced as part of an earlier run.
   if (fs::exists(fs::path(run.output_path) / "report.json")) {
     throw Error(
         "'" + run.output_path +

@@ -22,9 +22,9 @@ double EstimateMemoryMib(const MapperInput& input);
 // above the limit. 0: not limited.
 void CheckMemory(const MapperInput& input, int max_memory_mib);
 
-// The number of observations by which joined models can be adjusted within the
-// limit; nullopt if the estimate for all of them is below it. Throws Error if
-// so few remain that they do not determine the poses. 0: not limited.
+// The number of observations with which joined models can be adjusted within
+// the limit; nullopt if all observations fit. Throws Error if so few remain
+// that they do not determine the poses. 0: no limit.
 std::optional<size_t> MaxNumAdjustedObservations(
     const std::vector<SceneModel>& models, int max_memory_mib);
 
@@ -34,7 +34,7 @@ std::optional<size_t> MaxNumAdjustedObservations(
 int PartitionDatabase(const MapperRun& run, const PartitionOptions& options,
                       const Context& context);
 
-// A cluster of such a folder.
+// A cluster in this folder.
 struct ClusterFile {
   std::string image_list;  // the name of the file
   int num_frames = 0;

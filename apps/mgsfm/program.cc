@@ -69,7 +69,7 @@ struct CommandGroup {
   std::vector<Command> commands;
 };
 
-// The groups come in the order in which a first session needs them.
+// The groups are in the order in which a first session needs them.
 std::vector<CommandGroup> CommandGroups() {
   return {{"Reconstruction",
            {AutomaticReconstructorCommand(), MapperCommand(),
@@ -248,8 +248,8 @@ int Run(const std::vector<std::string>& arguments, const std::string& commit) {
   return exit_code;
 }
 
-// Files that are opened later must not take the place of closed streams.
-// Writing to them still fails.
+// Files opened later must not take the place of closed standard streams.
+// Writing to these streams still fails.
 void ReserveStandardStreams() {
   for (const int fd : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
     if (fcntl(fd, F_GETFD) >= 0) continue;

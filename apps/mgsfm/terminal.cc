@@ -47,7 +47,7 @@ std::string Colored(Color color, const std::string& text) {
 namespace {
 
 constexpr int kSignals[] = {SIGINT, SIGTERM, SIGHUP};
-// `timeout` and terminals may send the same signal twice at a time.
+// `timeout` and terminals may send the same signal twice at once.
 constexpr int64_t kPatienceSeconds = 2;
 
 // A handler can share nothing else with the program.
@@ -139,9 +139,9 @@ std::optional<std::string> ProgressText::Update(const Progress& progress,
 
 namespace {
 
-// Often enough for the eye, seldom enough to cost nothing.
+// Often enough for the eye, rarely enough to cost nothing.
 constexpr double kTerminalInterval_s = 0.1;
-// Elsewhere (nohup, CI), a log must not look dead, nor grow long.
+// Elsewhere (nohup, CI), a log must neither look dead nor grow long.
 constexpr double kLogInterval_s = 60.0;
 
 // One for each camera of a large rig.

@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// The standard error stream is a terminal that can overwrite a line.
+// Whether the standard error stream is a terminal that can overwrite a line.
 bool ErrorStreamIsTerminal();
 
 enum class Color { kRed = 31, kYellow = 33 };
@@ -17,16 +17,16 @@ enum class Color { kRed = 31, kYellow = 33 };
 // variable NO_COLOR is set (no-color.org).
 std::string Colored(Color color, const std::string& text);
 
-// Makes SIGINT, SIGTERM and SIGHUP requests to stop in good order, as
-// Context::is_canceled reports them. Signals that the caller has set to be
-// ignored stay so (nohup, background jobs). A signal that comes two seconds
-// after the first or later ends the process at once.
+// Turns SIGINT, SIGTERM and SIGHUP into requests to stop cleanly, which
+// Context::is_canceled reports. Signals that the caller ignores remain ignored
+// (nohup, background jobs). A signal two or more seconds after the first ends
+// the process at once.
 void CatchInterruptions();
 
 // The first signal that was caught, or 0.
 int InterruptionSignal();
 
-// Ends the process by that signal, as if it had not been caught: only then do
+// Ends the process by this signal, as if it had not been caught: only then do
 // shells and make stop, too. If the signal cannot end the process (PID 1 of a
 // container), returns the exit code that a shell would show.
 int EndByInterruption();
@@ -45,7 +45,7 @@ class ProgressText {
 
   // "matching: 20 of 80, 4/s, 0:01 left", if it is time for it.
   std::optional<std::string> Update(const Progress& progress, double now_s);
-  // The share of the stage that was done at the last update.
+  // The fraction of the stage that was done at the last update.
   double Share() const { return share_; }
   // The reader has just seen another line.
   void Postpone(double now_s) { shown_s_ = now_s; }

@@ -8,7 +8,7 @@
 namespace mgsfm {
 
 // A summary names its fields once, in the order of the report; the report and
-// the dicts of Python follow (src/foundation/scene/fields_json.h):
+// the Python dicts are generated from it (src/foundation/scene/fields_json.h):
 //
 //   struct TrackSummary {
 //     int num_tracks = 0;
@@ -19,11 +19,11 @@ namespace mgsfm {
 //     }
 //   };
 //
-// A field is a number, a text, an enum with an EnumTable, Named(...) again, a
-// struct with Fields, or an optional or vector of these.
+// A field is a number, a text, an enum with an EnumTable, a nested Named(...),
+// a struct with Fields, or an optional or vector of these.
 template <class... T>
 struct NamedFields {
-  std::tuple<T...> fields;  // names and values in turn; references to members
+  std::tuple<T...> fields;  // names and values alternate; refers to members
 };
 template <class... T>
 NamedFields<T...> Named(T&&... fields) {
@@ -37,8 +37,8 @@ inline constexpr bool
     kHasFields<T, std::void_t<decltype(std::declval<const T&>().Fields())>> =
         true;
 
-// The item that a reader sees in place of its index. Idx is int, or an
-// optional or vector of int.
+// The kind of item whose id or name the output shows instead of its index. Idx
+// is int, or an optional or vector of int.
 enum class Item { kCameraId, kFrameId, kFrameName, kImageName, kSensorName };
 template <Item kItem, class Idx>
 struct ItemOf {
@@ -49,7 +49,7 @@ ItemOf<kItem, Idx> As(Idx idx) {
   return {std::move(idx)};
 }
 
-// An angle that a reader sees in degrees.
+// An angle that the output shows in degrees.
 struct InDegrees {
   double angle_rad = 0.0;
 };

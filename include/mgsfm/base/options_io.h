@@ -27,9 +27,9 @@ struct OptionEntry {
   std::string help;
   Range range;
   std::vector<std::string> choices;  // names of an enum; empty for other types
-  OptionValue default_value;         // value of the field when it was listed
+  OptionValue default_value;         // the value when the option was listed
   std::function<OptionValue()> get;
-  std::function<void(const OptionValue&)> set;  // unchecked
+  std::function<void(const OptionValue&)> set;  // without range check
 
   // "" at top level, "Tracks" for "Tracks.min_track_length".
   std::string Section() const;

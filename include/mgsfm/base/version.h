@@ -5,12 +5,12 @@
 
 namespace mgsfm {
 
-// "MAJOR.MINOR.PATCH", by the rules of semantic versioning. Reports and
-// configuration files state it.
+// "MAJOR.MINOR.PATCH" by semantic versioning, as stated in reports and
+// configuration files.
 const char* Version();
 
-// Whether a file of that version may hold what this one does not know: its
-// major or minor version is higher. Throws Error if the text is no version.
+// Whether a file of this version may have contents that this program does not
+// know: its major or minor version is higher. Throws Error for malformed text.
 bool IsNewerVersion(const std::string& version);
 
 }  // namespace mgsfm

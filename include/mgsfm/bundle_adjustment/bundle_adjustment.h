@@ -150,8 +150,8 @@ struct BundleAdjustmentOptions {
   // of the keypoint noise are outliers.
   double error_sigma_factor = 4.0;
   // Lower bound of the outlier threshold of error_sigma_factor. Pair
-  // verification accepts errors of both keypoints of up to twice as much, and
-  // the errors of recorded keypoints have heavy tails.
+  // verification accepts keypoint errors of up to twice this bound, and
+  // keypoint errors in recordings have heavy tails.
   double min_max_error_px = 2.0;
   Option<double> max_max_error_px{
       "max_max_error", 4.0, GreaterThan(0.0), "px",
@@ -168,17 +168,17 @@ struct BundleAdjustmentOptions {
       "min_track_share", 0.75, Between(0.0, 1.0),
       "Remove points of which less than this fraction of the track are "
       "inliers; most lie on moving objects."};
-  // Points are removed in the last round if a smaller share of the matches of
-  // their keypoints in the database agrees. A vehicle agrees with a few images
-  // and contradicts the others that show it. 0 disables the test.
+  // The last round removes points if a smaller fraction of the database matches
+  // of their keypoints agrees. A vehicle agrees with a few images and
+  // contradicts the others that show it. 0 disables the test.
   double min_match_share = 0.7;
   // Points farther from all of their cameras, in median distances, are removed.
   // A vehicle alongside appears infinitely far and biases the rotation of the
   // rig. 0 disables the test.
   double max_relative_distance = 40.0;
-  // The same limit for points that no frame observes with two images, in
-  // cameras that see most distant points together with another. Two images of a
-  // frame measure how far away a vehicle is. 0 disables the test.
+  // The same limit for points that only one image per frame observes, in
+  // cameras that share most distant points with another camera: two images of a
+  // frame would measure the distance of a vehicle. 0 disables the test.
   double max_relative_distance_of_one_image = 5.0;
   // Points with only two observations are removed if they are nearer to a
   // camera than this, in median distances. Most are wrong matches, and near
@@ -186,8 +186,8 @@ struct BundleAdjustmentOptions {
   double min_two_view_relative_distance = 0.1;
   // Frames with fewer observations are reported as weak.
   int min_num_observations_per_frame = 6;
-  // Solve iteratively even where a direct solution is faster: its matrix and
-  // factor are small.
+  // Solve iteratively even where a direct solution is faster: the iterative
+  // solver needs less memory.
   bool saves_memory = false;
 
   template <class Visitor>
@@ -202,7 +202,7 @@ struct BundleAdjustmentOptions {
 // Counts before and after points are filtered or retriangulated.
 struct BundleRound {
   double sigma_px = 0.0;      // noise of each coordinate of the keypoints
-  double max_error_px = 0.0;  // the resulting bound for outliers
+  double max_error_px = 0.0;  // outlier bound for sigma_px
   size_t num_points_before = 0;
   size_t num_points_after = 0;
   size_t num_observations_before = 0;
@@ -228,7 +228,8 @@ struct DroppedFrame {
 
 struct BundleSummary {
   std::vector<SolveSummary> solves;
-  // The first and the last only filter points, the others retriangulate them.
+  // The first and last rounds only filter points; the others retriangulate
+  // them.
   std::vector<BundleRound> rounds;
   std::vector<DroppedFrame> dropped_frames;  // had an initial pose
   std::vector<int> weak_frame_idxs;          // kept with few observations
@@ -252,7 +253,7 @@ struct BundleResult {
 };
 
 // The gravity terms of bundle adjustment: measured directions in images, and
-// the direction in the world of the model that they are compared with.
+// the direction of gravity in the world of the model.
 struct GravityTerms {
   GravityPriors priors;
   Eigen::Vector3d down_in_world = Eigen::Vector3d::UnitY();  // unit vector
@@ -265,8 +266,8 @@ struct SensorPosePrior {
   PoseMatrix sqrt_information = PoseMatrix::Zero();
 };
 
-// The calibration that another model gives, in place of the terms of
-// sigma_R, sigma_t and sigma_f in (1). Empty: nothing.
+// The calibration from another model; it replaces the terms with sigma_R,
+// sigma_t and sigma_f in (1). Empty: nothing.
 struct CalibrationPrior {
   std::vector<std::optional<SensorPosePrior>> sensors;  // per sensor
   // Per camera: the values of its parameters and their standard deviations, 0
@@ -304,7 +305,7 @@ struct RefinementConditions {
   FixedPoses fixed = {};
 };
 
-// Evidence for points and against them.
+// The evidence for and against points.
 struct CandidateSource {
   // Returns groups of keypoints that can be observations of one point. The
   // model, with reprojection errors up to max_error_px, helps to separate
@@ -312,8 +313,8 @@ struct CandidateSource {
   std::function<std::shared_ptr<const ObservationGroups>(
       const Reconstruction& model, double max_error_px)>
       groups = {};
-  // All matches, of which the groups may contain only those that agree with the
-  // model. They outlive the source. Null: nothing contradicts a point.
+  // All matches; the groups may contain only the matches that agree with the
+  // model. They must outlive the source. Null: nothing contradicts a point.
   const ViewGraph* matches = nullptr;
 };
 
@@ -329,13 +330,13 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //      again with the current poses. This rejects outliers and completes,
 //      merges and splits points. A point needs min_track_share of its group:
 //      the two cameras of a stereo pair agree on the position of a moving
-//      vehicle, but no two frames do. The last round also removes points with
-//      which fewer than min_match_share of the matches of their keypoints agree
-//      (bundle_adjustment/point_filters.h): a few points of a vehicle
-//      agree with a frame that is slightly wrong.
+//      vehicle, but no two frames do. The last round also removes points if
+//      fewer than min_match_share of the matches of their keypoints agree with
+//      them (bundle_adjustment/point_filters.h): a slightly wrong frame pose
+//      makes a few points of a vehicle agree.
 //   3. Solve to function_tolerance. Earlier solves use 100 times that.
-//   4. Remove outliers, points whose errors are large as a whole, with too
-//      small a triangulation angle or too large a distance, and points of two
+//   4. Remove outliers; points with large errors overall, too small a
+//      triangulation angle or too large a distance; and points of two
 //      observations near a camera. Drop frames without observations and, if any
 //      frames share points, frames that share none, unless they are fixed.
 //
@@ -347,14 +348,14 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 // matches within a pixel would bias weakly observed parameters, such as the
 // sensor translations of a standing rig.
 //
-// Points in no group lose outliers and must pass the same tests. If a solve
-// fails, the estimate is the one before it.
+// Points outside all groups lose outliers and must pass the same tests. If a
+// solve fails, the estimate before it is returned.
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     Reconstruction initial, const BundleAdjustmentOptions& options,
     const Context& context, const RefinementConditions& conditions = {});
 
-// Step 2's triangulation alone, with max_max_error_px as bound. For models
+// The triangulation of step 2 alone, with max_max_error_px as bound. For models
 // without points or with new frames.
 [[nodiscard]] Reconstruction TriangulateCandidates(
     const Scene& scene, const CandidateSource& candidates,

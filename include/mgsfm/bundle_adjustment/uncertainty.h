@@ -37,7 +37,7 @@ struct UnobservableDirection {
   bool is_sensor = false;  // otherwise a frame
   int idx = 0;
   bool is_rotation = false;
-  Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // in the axes above
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // in the frames above
 };
 
 struct CovarianceResult {
@@ -65,14 +65,14 @@ struct CovarianceResult {
     const BundleAdjustmentOptions& options, const Context& context,
     const BundlePriors& priors = {});
 
-// Lists the unobservable directions of covariances that have changed.
+// Lists the unobservable directions again after covariances have changed.
 void ListUnobservable(const Scene& scene, const Reconstruction& reconstruction,
                       const Context& context, CovarianceResult* covariances);
 
 // Standard deviations of intrinsics, per camera of the scene and parameter: 0
 // for constant parameters, empty for cameras without observations. nullopt if
-// the equations cannot be solved. Residuals that depend on those nearby in the
-// image, as errors of the lens model do, count less
+// the equations cannot be solved. Residuals that are correlated between nearby
+// pixels, such as errors of the lens model, have less weight
 // (src/estimation/bundle_adjustment/residual_field.h). Cost: one linearization
 // and factorization.
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
@@ -96,13 +96,14 @@ struct FocalLengthCheck {
   // Before and after refinement; the first of two focal lengths.
   double prior_px = 0.0;
   double estimated_px = 0.0;
-  // The largest of both focal lengths; nullopt if it cannot be computed.
+  // The larger of the values of both focal lengths; nullopt if it cannot be
+  // computed.
   std::optional<double> relative_sigma;
   std::string message;
 };
 
-// Whether this is the focal length that feature extraction assumes without
-// knowledge, 1.2 times the larger image side, as COLMAP does.
+// Whether this is the default focal length of feature extraction without EXIF:
+// 1.2 times the larger image side, as in COLMAP.
 [[nodiscard]] bool IsAssumedFocalLength(const Camera& camera,
                                         double focal_length_px);
 

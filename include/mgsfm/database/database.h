@@ -17,9 +17,9 @@
 namespace mgsfm {
 
 // The rows of a COLMAP database (3.8 to 4.2) that reconstruction needs, under
-// the ids of the database, sorted by id. Reading checks each row by itself and
-// that images, pairs, rig sensors and frames name rows that exist; whether rigs
-// and frames agree with each other is checked when a scene is made of them.
+// the ids of the database, sorted by id. The reader checks each row, and that
+// images, pairs, rig sensors and frames refer to existing rows. LoadScene
+// checks that rigs and frames agree.
 
 struct ImageRow {
   ImageId id;
@@ -41,7 +41,7 @@ struct TwoViewGeometryRow {
   std::vector<Match> matches = {};
 };
 
-// The same without the geometry, which takes 300 bytes.
+// The same row without the geometry, which takes 300 bytes.
 struct MatchesRow {
   ImageId image_id1;
   ImageId image_id2;
@@ -72,8 +72,7 @@ struct FrameRow {
 };
 
 // Swaps the two images of a pair: inverts or transposes the maps from 1 to 2
-// and exchanges the columns of the matches. The ids are in descending order
-// then.
+// and exchanges the columns of the matches. Afterwards, image_id1 > image_id2.
 void SwapImages(TwoViewGeometryRow* pair);
 void SwapImages(std::vector<Match>* matches);
 
@@ -86,14 +85,14 @@ struct DatabaseContents {
   std::vector<Camera> cameras;
   std::vector<ImageRow> images;
   std::vector<TwoViewGeometryRow> pairs;
-  std::vector<MatchesRow> matches;  // instead of `pairs` of a selection
+  std::vector<MatchesRow> matches;  // of a selection, instead of `pairs`
   std::vector<RigRow> rigs;         // empty before COLMAP 3.12
   std::vector<FrameRow> frames;     // empty before COLMAP 3.12
-  // Some images are excluded, so cameras of a rig may have none.
+  // The selection excludes some images, so a camera of a rig may have none.
   bool is_selection = false;
 };
 
-// The part of a database that is read. Memory grows with this part only.
+// The part of a database to read. Memory is proportional to this part.
 struct DatabaseSelection {
   // Names that the database does not have are ignored. Empty: all images.
   std::set<std::string> image_names;
@@ -109,17 +108,17 @@ struct DatabaseSelection {
 // read-only folder suffices. If a write-ahead log (or a rollback journal of an
 // interrupted writer) holds changes, reads a copy of both in the folder for
 // temporary files ($TMPDIR). Throws Error for a file that is not a database,
-// lacks a table, has no image or a damaged row, which is named, and if another
-// program changes the database during reading.
+// lacks a table, has no image or has a damaged row (named), and if another
+// program changes the database during the read.
 [[nodiscard]] DatabaseContents ReadDatabase(
     const std::string& path, const Context& context,
     const DatabaseSelection& selection = {});
 
-// The names of all images, in the order of their ids, read in the same way.
+// The names of all images in the order of their ids.
 [[nodiscard]] std::vector<std::string> ReadImageNames(const std::string& path);
 
 enum class DatabaseSchema {
-  k38,   // COLMAP 3.8 and 3.9: without rigs and frames, which are not written
+  k38,   // COLMAP 3.8 and 3.9; rigs and frames are not written
   k312,  // COLMAP 3.12 and 3.13
 };
 
@@ -129,9 +128,9 @@ enum class DatabaseSchema {
 void WriteDatabase(const std::string& path, const DatabaseContents& contents,
                    DatabaseSchema schema);
 
-// The rows of a scene, under its ids. Two sensors with the intrinsics of one
-// camera get a camera each in the rig tables, as COLMAP's rigs require, while
-// their images keep the shared one.
+// The rows of a scene, under its ids. Sensors that share a camera get separate
+// cameras in the rig tables, as COLMAP's rigs require; their images keep the
+// shared camera.
 [[nodiscard]] DatabaseContents MakeDatabaseContents(
     const Scene& scene, const ViewGraph& view_graph);
 

@@ -32,7 +32,7 @@ struct FeatureKeypoint {
   // A circle whose radius is `scale_px`, turned by the angle from x to y.
   static FeatureKeypoint FromScale(float x_px, float y_px, float scale_px,
                                    float orientation_rad);
-  // The mean length of the columns, and the direction of the first.
+  // The mean length of the columns, and the direction of the first column.
   float ScalePx() const;
   float OrientationRad() const;
 };
@@ -69,11 +69,11 @@ struct PairCount {
 //
 // A new database has the tables of COLMAP 3.8 and those that 3.9 to 3.13 add to
 // them when they open such a file (pose_priors, rigs, frames), with
-// user_version 3900. So 3.8, which demands the prior_* columns of `images` and
-// ignores tables it does not know, opens it, and so does every later version
-// (4.x after its usual migration). An existing database of any version from
-// 3.8 to 4.2 keeps its layout. The first write adds its missing tables; without
-// a write, the file stays as it was, and a new one does not come to exist.
+// user_version 3900. COLMAP 3.8 opens it, because it requires the prior_*
+// columns of `images` and ignores unknown tables. Every later version opens it,
+// too (4.x after its usual migration). An existing database of any version from
+// 3.8 to 4.2 keeps its layout. The first write adds missing tables. Without a
+// write, the file is unchanged, and no new file is created.
 //
 // The object locks the database against other programs (ReadDatabase still
 // works, but releases the lock if it is called in the same process). Every
@@ -96,16 +96,17 @@ class FeatureDatabase {
   FeatureDatabase& operator=(FeatureDatabase&&) noexcept;
 
   const std::string& path() const;
-  // Throws Error if a database that is open kReadOnly was written since.
+  // Throws Error if another process has written a database that is open
+  // kReadOnly.
   void CheckUnchanged() const;
 
   // ------------------------------------------------------------ reading
 
   // Cameras, images without keypoints, rigs and frames; no pairs. Enough for
-  // LoadScene. Without images if there are none.
+  // LoadScene. May have no images.
   [[nodiscard]] DatabaseContents ReadStructure(const Context& context) const;
 
-  // Return whether there is a row, which may hold no keypoint or match.
+  // Return whether the row exists; it may have no keypoint or match.
   bool HasKeypoints(ImageId image_id) const;
   bool HasDescriptors(ImageId image_id) const;
   bool HasMatches(ImageId image_id1, ImageId image_id2) const;
@@ -118,12 +119,12 @@ class FeatureDatabase {
   std::vector<PairCount> CountMatches() const;
   std::vector<PairCount> CountInlierMatches() const;  // of two-view geometries
 
-  // Empty if the image has no row. Missing columns are filled in.
+  // Empty if the image has no row. Missing columns get default values.
   std::vector<FeatureKeypoint> ReadKeypoints(ImageId image_id) const;
   DescriptorMatrix ReadDescriptors(ImageId image_id) const;
-  // Matches follow the order of the arguments: keypoint_idx1 is of image_id1.
+  // Matches follow the order of the arguments: keypoint_idx1 is in image_id1.
   std::vector<Match> ReadMatches(ImageId image_id1, ImageId image_id2) const;
-  // Also follows the order of the arguments; nullopt without a row.
+  // Follows the order of the arguments, too; nullopt without a row.
   std::optional<TwoViewGeometryRow> ReadTwoViewGeometry(
       ImageId image_id1, ImageId image_id2) const;
   // Sorted by image. Positions that are not finite are skipped; a database of
@@ -138,12 +139,12 @@ class FeatureDatabase {
   ImageId AddImage(const std::string& name, CameraId camera_id);
   void SetImageCamera(ImageId image_id, CameraId camera_id);
 
-  // These replace the row if there is one.
+  // These replace an existing row.
   void WriteKeypoints(ImageId image_id,
                       const std::vector<FeatureKeypoint>& keypoints);
   void WriteDescriptors(ImageId image_id, const DescriptorMatrix& descriptors);
   void WritePosePrior(const PosePriorRow& prior);
-  // keypoint_idx1 is of image_id1; either may have the smaller id.
+  // keypoint_idx1 is in image_id1; either image may have the smaller id.
   void WriteMatches(ImageId image_id1, ImageId image_id2,
                     const std::vector<Match>& matches);
   // Either image may have the smaller id.
@@ -158,10 +159,11 @@ class FeatureDatabase {
 
   // ------------------------------------------------------------- shards
 
-  // nullopt if the database is no shard.
+  // nullopt if the database is not a shard.
   std::optional<ShardManifest> ReadShard() const;
   void WriteShard(const ShardManifest& manifest);
-  // The first image of each camera that an image of another share defines.
+  // The first image of each camera whose intrinsics an image of another shard
+  // defines.
   std::map<CameraId, std::string> ReadShardCameras() const;
   void WriteShardCamera(CameraId camera_id, const std::string& image_name);
 

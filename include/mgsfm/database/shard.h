@@ -6,9 +6,9 @@
 
 namespace mgsfm {
 
-// A shard is a database with a share of the work of one run, written by a
-// process of its own: the features of some images, or the matches of some
-// pairs. Merged shards equal the database of a single process, row by row.
+// A shard is a database with a share of the work of one run, written by its own
+// process: the features of some images, or the matches of some pairs. Merged
+// shards equal the database of a single process, row by row.
 
 // Share `number` of `count`, 1 <= number <= count.
 struct Share {
@@ -42,8 +42,8 @@ enum class ShardKind { kFeatures, kMatches };
 struct ShardManifest {
   ShardKind kind = ShardKind::kFeatures;
   Share share;
-  // Equal for all shards of one run: their inputs and options. That of matches
-  // begins with the fingerprint of the database with the features.
+  // A hash of inputs and options, equal for all shards of one run. The
+  // fingerprint of match shards begins with that of the feature database.
   std::string fingerprint;
   bool is_complete = false;
 };

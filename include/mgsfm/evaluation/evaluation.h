@@ -69,8 +69,8 @@ struct ErrorStatistics {
 };
 
 // Relative poses over segments of 100, 200, ..., 800 m of the true path that
-// start at every tenth reference image, as in the KITTI odometry benchmark. The
-// errors are relative to the lengths of the segments.
+// start at every tenth reference image, as in the KITTI odometry benchmark.
+// Errors are relative to the segment length.
 struct SegmentErrors {
   int num_segments = 0;
   double translation_percent = 0.0;
@@ -115,20 +115,20 @@ struct Evaluation {
   // Errors of registered images after alignment; nullopt without true poses.
   std::optional<ErrorStatistics> rotation_deg, position_m;
   std::vector<AreaUnderCurve> rotation_auc, position_auc;
-  // Errors in the scale of the alignment; nullopt without true poses, or if the
+  // Errors at the scale of the alignment; nullopt without true poses, or if the
   // path is too short.
   std::optional<SegmentErrors> segments;
   std::optional<StepErrors> steps;
   std::vector<SensorErrors> sensors;
   // The largest distance between two reference images of the aligned model.
   std::optional<double> extent_m;
-  // The length of the true path of the reference images in their order.
+  // The length of the true path through the reference images in order.
   std::optional<double> path_m;
 };
 
 // If has_true_poses is false, cam_from_world of `images` is ignored. The scale
-// is then fitted to the true distances between sensors, and there are no errors
-// of images.
+// is then fitted to the true distances between sensors, and image errors are
+// not computed.
 Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
                     const std::vector<SensorPoses>& sensors,
                     const EvaluationOptions& options);

@@ -26,7 +26,7 @@ struct ImageReaderOptions {
                              "Use the same camera for all images."};
   Option<bool> single_camera_per_folder{
       "single_camera_per_folder", false,
-      "Use the same camera for all images in the same folder, as by default."};
+      "Use the same camera for all images in a folder. This is the default."};
   Option<bool> single_camera_per_image{
       "single_camera_per_image", false,
       "Use a different camera for each image. Set it if images in one folder "
@@ -40,7 +40,7 @@ struct ImageReaderOptions {
       "COLMAP's model. They are trusted."};
   Option<std::string> camera_params_path{
       "camera_params_path", "",
-      "Read the intrinsics of each folder of images from this file, a line "
+      "Read the intrinsics of each folder of images from this file with lines "
       "`folder MODEL width height params...`; '.' is the image folder itself. "
       "It takes precedence over camera_model and camera_params."};
   Option<double> default_focal_length_factor{
@@ -108,7 +108,7 @@ struct SiftOptions {
 struct FeatureExtractionOptions {
   Option<std::string> image_list_path{
       "image_list_path", "",
-      "Use only the images that this file names, one per line, relative to the "
+      "Use only the images listed in this file, one per line, relative to the "
       "image folder. By default, all images of the folder are used."};
   ImageReaderOptions reader;
   SiftOptions sift;
@@ -122,8 +122,8 @@ struct FeatureExtractionOptions {
 };
 
 struct FeatureExtractionSummary {
-  size_t num_images = 0;   // in the folder or the list, or the share of them
-  size_t num_present = 0;  // of these, with features in the database before
+  size_t num_images = 0;   // in the folder, list or share
+  size_t num_present = 0;  // with features already in the database
   size_t num_extracted = 0;
   size_t num_rejected = 0;  // one warning each
   size_t num_features = 0;  // of the extracted images
@@ -145,7 +145,7 @@ struct FeatureExtractionSummary {
 //
 // Images with features in the database are skipped. Each image is written in a
 // transaction as soon as it and all images before it are done, so an
-// interrupted run loses only the images in progress and the next run leads to
+// interrupted run loses only the images in progress, and the next run yields
 // the same result. If the database has frames, each new image gets a frame of
 // its own.
 //
@@ -160,9 +160,9 @@ FeatureExtractionSummary ExtractFeatures(
     FeatureDatabase* database, const Context& context);
 
 // Extracts the features of one share of the images into a database of its own,
-// a shard, as if all were extracted: where an image of another share defines
-// the camera of images, that image is read, too. A share may be empty. Throws
-// Error if the database is another shard or none.
+// a shard, with the same result as for all images: if an image of another share
+// defines a camera, that image is read, too. A share may be empty. Throws Error
+// if the database is a different shard or not a shard.
 FeatureExtractionSummary ExtractFeatureShard(
     const std::string& image_path, const FeatureExtractionOptions& options,
     const Share& share, FeatureDatabase* database, const Context& context);

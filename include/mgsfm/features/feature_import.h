@@ -12,18 +12,17 @@
 namespace mgsfm {
 
 struct FeatureImportOptions {
-  Option<std::string> import_path{
-      "import_path", "", Required(),
-      "Read features from this HDF5 file as hloc writes it: keypoints and "
-      "descriptors of each image."};
+  Option<std::string> import_path{"import_path", "", Required(),
+                                  "Read the keypoints and descriptors of each "
+                                  "image from this HDF5 file of hloc."};
   Option<std::string> matches_path{
       "matches_path", "",
-      "Read matches of these features from this HDF5 file as hloc writes it. "
-      "They are raw: run geometric_verifier next."};
+      "Read matches of these features from this HDF5 file of hloc. They are "
+      "raw: run geometric_verifier next."};
   Option<std::string> image_path{
       "image_path", "",
       "Read size, focal length and GPS position of images from this folder. By "
-      "default, sizes are those of the features, and focal lengths are "
+      "default, sizes come from the feature file, and focal lengths are "
       "guesses."};
   ImageReaderOptions reader;
 
@@ -36,17 +35,17 @@ struct FeatureImportOptions {
 
 struct FeatureImportSummary {
   size_t num_images = 0;   // in the file
-  size_t num_present = 0;  // of these, with features in the database before
+  size_t num_present = 0;  // with features already in the database
   size_t num_features = 0;
   size_t num_pairs = 0;  // with matches
   size_t num_matches = 0;
 };
 
 // Adds images, cameras, features and matches of other programs to a database,
-// in one transaction. Images with features in the database keep them; their
-// number of keypoints must be that of the file. Matches of the file replace
-// those of the database. Throws Error, naming file and image or pair, for bad
-// input; the database is not changed then.
+// in one transaction. Images with features in the database keep them; the
+// number of keypoints must equal the number in the file. Matches of the file
+// replace those of the database. Throws Error, naming file and image or pair,
+// for bad input; the database is then unchanged.
 FeatureImportSummary ImportFeatures(const FeatureImportOptions& options,
                                     FeatureDatabase* database,
                                     const Context& context);

@@ -13,12 +13,11 @@ namespace mgsfm {
 
 // Clusters of whole frames that can be mapped separately and joined afterwards.
 //
-// The skeletal graph (mgsfm/pair_filtering/pair_filtering.h) decides: each pair
-// of frames in it is an edge, weighted by its triplet-consistent matches. It is
-// cut into connected clusters of similar size
-// (src/foundation/math/graph_partition.h), never at a weak seam. Neighboring
-// clusters overlap, so that common frames determine their relative pose.
-// Keypoints are not needed, and the relative poses of pairs are not used.
+// The skeletal graph (mgsfm/pair_filtering/pair_filtering.h), whose edges are
+// weighted by triplet-consistent matches, is cut into connected clusters of
+// similar size (src/foundation/math/graph_partition.h), never at a weak seam.
+// Neighboring clusters overlap, so that common frames determine their relative
+// pose. Keypoints are not needed, and the relative poses of pairs are not used.
 
 struct PartitionOptions {
   Option<int> num_clusters{
@@ -37,7 +36,7 @@ struct PartitionOptions {
 };
 
 struct FrameCluster {
-  std::vector<int> frame_idxs;  // with those of the overlap, ascending
+  std::vector<int> frame_idxs;  // including the overlap, ascending
   int num_core_frames = 0;      // without the overlap
 };
 
@@ -51,11 +50,10 @@ struct ClusterOverlap {
 struct ViewGraphPartition {
   std::vector<FrameCluster> clusters;
   std::vector<ClusterOverlap> overlaps;
-  // Clusters whose models calibrate the rigs with several sensors. For each
-  // rig, it is the one in which the sensor with the fewest matches has the
-  // most.
+  // The clusters whose models calibrate the rigs with several sensors: for each
+  // rig, the cluster in which the sensor with the fewest matches has the most.
   std::vector<int> calibration_clusters;
-  std::vector<int> frame_idxs_without_cluster;  // hardly connected
+  std::vector<int> frame_idxs_without_cluster;  // too weakly connected
 };
 
 // The matches are released as soon as they are counted.

@@ -50,7 +50,7 @@ const std::vector<CameraModelInfo>& AllCameraModels();
 const CameraModelInfo* FindCameraModel(int32_t id);
 const CameraModelInfo* FindCameraModel(std::string_view name);
 
-// The parameters of RAD_TAN_THIN_PRISM_FISHEYE, which has the most.
+// The number of parameters of RAD_TAN_THIN_PRISM_FISHEYE, which has the most.
 constexpr int kMaxNumCameraParams = 16;
 
 // Rows are (u, v); columns are the parameters of the model.

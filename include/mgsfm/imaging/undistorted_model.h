@@ -21,7 +21,7 @@ enum class ViewNaming {
 struct UndistortedModel {
   Scene scene;
   Reconstruction reconstruction;
-  // Per image of `scene`: where it comes from.
+  // Per image of `scene`: its original image.
   struct Source {
     int image_idx;  // of the original scene
     int view_idx;   // of the views of its camera
@@ -32,7 +32,7 @@ struct UndistortedModel {
 // The model of the views of all registered images: each sensor of a rig becomes
 // one sensor per view of its camera, at a known pose relative to the original.
 // Frames and their poses stay. A keypoint moves to the view that shows it, or
-// is dropped with its observation; points keep at least two observations.
+// is dropped with its observation; points need at least two observations.
 //
 // `views_of_camera` belongs to scene.cameras, with the intrinsics of the
 // reconstruction. Throws Error, naming the images, if two images of the result

@@ -34,12 +34,12 @@ struct ViewOptions {
   Option<double> field_of_view_deg{
       "field_of_view", 0.0, Between(0.0, 160.0), "deg",
       "Set the horizontal field of view of each undistorted image. 0: 90 for "
-      "the faces of a cube; that of the original for a pinhole image, but at "
-      "most 120."};
+      "the faces of a cube; for a pinhole image, the field of view of the "
+      "original, at most 120."};
   Option<double> max_view_angle_deg{
       "max_view_angle", 0.0, Between(0.0, 180.0), "deg",
       "Use pixels up to this angle to the optical axis; masks show the others. "
-      "0: at the nearest image border, but at least 90."};
+      "0: the angle at the nearest image border, at least 90."};
   Option<double> blank_pixels{
       "blank_pixels", 0.0, Between(0.0, 1.0),
       "Keep this amount of blank pixels in a pinhole image of the original "
@@ -66,7 +66,8 @@ struct ViewOptions {
   }
 };
 
-// A pinhole image of a part of what a camera sees, from the same center.
+// A pinhole image of part of the field of view of a camera, with the same
+// center.
 struct View {
   std::string name;  // "front", "left", ...; "" for a pinhole image
   Eigen::Quaterniond view_from_cam = Eigen::Quaterniond::Identity();
@@ -75,10 +76,10 @@ struct View {
   double max_view_angle_rad = 0.0;
 };
 
-// The views of a camera; the first one has its orientation. Resolution is that
-// of the original at its center, so a view does not lose detail unless
-// max_image_size demands it. Faces of a cube overlap if they have more than 90
-// degrees; those that see nothing are omitted.
+// The views of a camera; the first one has the orientation of the camera. Views
+// have the resolution of the original at its center, so a view loses no detail
+// unless max_image_size requires it. Faces of a cube overlap if they are wider
+// than 90 degrees; faces that see nothing are omitted.
 //
 // A camera is too wide for a pinhole image if that would enlarge pixels at the
 // border more than four times, which is the magnification of an equidistant

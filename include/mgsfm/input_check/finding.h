@@ -19,20 +19,20 @@ enum class Cause {
   kWrongImageSize,          // keypoints do not fit the size of the camera
   kCameraLag,               // a camera is late by a number of frames
   kUnsynchronized,          // cameras are late by parts of a frame interval
-  kMirroredCamera,          // or mounted upside down
+  kMirroredCamera,          // mirrored images, or mounted upside down
   kForeignCamera,           // does not move with the rig
   kSwappedCameras,          // in a part of the frames
-  kRigMoved,                // the rig changed in between
+  kRigMoved,                // the rig changed during the recording
   kRigDiffers,              // between two models
   kWrongKnownRotation,      // of a sensor in its rig
   kWrongFocalLength,        // a trusted one
   kUncertainFocalLength,    // an estimated one
   kRejectedPositionPriors,  // all of them
   kOutlierPositionPriors,   // a large share of them
-  kPositionUnit,            // differs from that of the known rig
+  kPositionUnit,            // differs from the unit of the known rig
   kRejectedGravityPriors,   // all of them
   kOutlierGravityPriors,    // a large share of them
-  kLostMatches,             // unexplained
+  kLostMatches,             // matches that the model does not explain
   kWeakSeams,               // of a model (mgsfm/seams/confidence.h)
 };
 
@@ -62,7 +62,7 @@ struct EnumTable<Cause> {
       {"weak_seams", Cause::kWeakSeams}};
 };
 
-// One cause, for users and the report.
+// One finding, for users and the report.
 struct Finding {
   Cause cause = Cause::kLostMatches;
   std::vector<std::string> cameras;  // names of the sensors concerned

@@ -17,7 +17,7 @@ struct KeptCount {
                                  static_cast<double>(num_matches)
                            : 1.0;
   }
-  // Without matches, nothing is explained.
+  // Returns false without matches.
   bool IsMostlyKept() const { return 2 * num_kept > num_matches; }
 };
 

@@ -45,19 +45,19 @@ namespace mgsfm {
 // All components share the rotations of sensors in their rigs. A component of
 // at least `min_num_frames` frames becomes a model with a world frame of its
 // own. The rig and the intrinsics of the largest component, with their
-// covariances, are priors of the others, which also take its unit of length
-// unless no baseline of the rig is determined. Beside the largest one, models
-// of fewer than `min_model_size` images are dropped, as in COLMAP: few frames
-// of one component are often wrong.
+// covariances, are priors for the others. They also define the unit of length
+// of the others, unless no baseline of the rig is determined. Models of fewer
+// than `min_model_size` images are dropped, as in COLMAP, except the largest
+// model: small components are often wrong.
 
 // Treatment of the weak seams of a model (mgsfm/seams/confidence.h).
 enum class WeakSeams {
-  kKeep,        // they are reported; only the sides of seams that no point
-                // crosses become models of their own, as nothing places one
-                // side relative to the other
-  kSplitJumps,  // so do the sides of jumps, which contradict the motion of the
-                // rig
-  kSplit,       // so do the sides of all of them
+  kKeep,        // seams are reported; a model is split only at seams that no
+                // point crosses, because the relative pose of their sides is
+                // undetermined
+  kSplitJumps,  // the model is also split at jumps, which contradict the motion
+                // of the rig
+  kSplit,       // the model is split at all seams
 };
 
 template <>
@@ -82,16 +82,16 @@ struct MapperOptions {
 
   Option<std::string> metric_scale{
       "metric_scale", "",
-      "Scale models so that two cameras of a rig are as far apart as "
-      "known_baseline=CAMERA1:CAMERA2:METERS states. Neither a known rig nor "
-      "measured positions need it."};
+      "Scale models by the known distance of two cameras of a rig, given as "
+      "known_baseline=CAMERA1:CAMERA2:METERS. It is not needed with a known "
+      "rig or measured positions."};
   Option<WeakSeams> weak_seams{
       "Mapper.weak_seams", WeakSeams::kKeep,
       "Choose what happens at the weak seams of a model: keep reports them, "
       "split makes a model of each side, and split_jumps does so only where "
-      "adjacent frames contradict the motion of the rig. Sides whose relative "
-      "pose no points determine are models of their own in any case. Split if "
-      "a wrong model is worse than several partial ones."};
+      "adjacent frames contradict the motion of the rig. Sides always become "
+      "separate models if no points determine their relative pose. Split if a "
+      "wrong model is worse than several partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
@@ -101,11 +101,11 @@ struct MapperOptions {
   MatchSelectionOptions match_selection;
   TranslationAveragingOptions translation_averaging;
   BundleAdjustmentOptions bundle_adjustment;
-  ExtensionOptions extension;  // listed by commands that can have a start
+  ExtensionOptions extension;  // only listed by commands with an existing model
   SoftRigOptions soft_rig;
   ConfidenceOptions confidence;
-  // Whether models are only made for the lenses of their cameras: without
-  // delays of cameras and without tests of seams. Not an option of commands.
+  // Whether the models serve only to calibrate lenses: camera delays and seams
+  // are then not tested. Not an option of commands.
   bool is_for_lenses = false;
 
   template <class Visitor>
@@ -124,32 +124,32 @@ struct MapperOptions {
 };
 
 struct MapperModel {
-  Reconstruction reconstruction;    // positions are those of the whole scene
+  Reconstruction reconstruction;    // indices refer to the whole scene
   int num_frames_in_component = 0;  // before translation averaging
   TrackSummary tracks;
   TranslationSummary translation;
   BundleSummary bundle;
-  std::optional<PositionPriorSummary> position_priors;  // if some are given
-  std::optional<double> meters_per_unit;  // applied, by the known baseline
-  std::optional<GravitySummary> gravity;  // if it was measured
-  std::vector<FocalLengthCheck> focal_lengths;  // of those refined
-  std::optional<CovarianceResult> covariances;  // if asked for
-  std::optional<RigDelays> delays;              // of rigs with several cameras
-  std::optional<ExtensionSummary> extension;    // if it had a start
-  // Models with this flag have the same unit of length, by the baselines of
-  // their rig, if there are several.
+  std::optional<PositionPriorSummary> position_priors;  // if given
+  std::optional<double> meters_per_unit;        // scale from the known baseline
+  std::optional<GravitySummary> gravity;        // if measured
+  std::vector<FocalLengthCheck> focal_lengths;  // of refined cameras
+  std::optional<CovarianceResult> covariances;  // if requested
+  std::optional<RigDelays> delays;              // for rigs with several cameras
+  std::optional<ExtensionSummary> extension;  // if it extends an existing model
+  // Models with this flag have the same unit of length, defined by the
+  // baselines of their rig.
   bool has_shared_unit = false;
-  // Empty unless the evidence of the model contradicts the rig of a larger one.
-  // The model then keeps its own rig.
+  // Empty unless the observations of the model contradict the rig of a larger
+  // one. The model then keeps its own rig.
   std::vector<RigDifference> rig_differences;
   // Set if the options request it. `reconstruction` then has the mean rig and
-  // points that fit the individual poses of images; covariances are those
-  // before that estimation.
+  // points that fit the individual poses of images; covariances are from before
+  // that estimation.
   std::optional<SoftRigImages> soft_rig_images;
   // Groups of pairs that contradict the rotations or positions.
   std::vector<RejectedGroup> rejected_groups;
   KeptMatches kept_matches;      // verified matches that the model explains
-  Confidence confidence;         // not of extended models
+  Confidence confidence;         // empty for extended models
   std::vector<StageTime> times;  // in the order in which stages ran
 };
 
@@ -177,40 +177,42 @@ struct MapperResult {
   std::vector<UnregisteredFrame> unregistered_frames;  // in no model
   // One per camera without a prior focal length.
   std::vector<FocalLengthEstimate> focal_lengths;
-  std::optional<LensSummary> lenses;  // if some were estimated
+  std::optional<LensSummary> lenses;  // if any were estimated
   ViewGraphSummary view_graph;
   // Pairs of the view graph that were rejected, by reason. Empty for an
   // extended model.
   std::vector<RejectionCount> rejected_pairs;
-  std::vector<FixedRegion> fixed_regions;  // of the sensors that have some
+  std::vector<FixedRegion> fixed_regions;  // of sensors that have any
   RotationSummary rotation;
-  // Why measured gravity was not used; nullopt: it was, or there is none.
+  // Why measured gravity was not used; nullopt if it was used or is not
+  // available.
   std::optional<std::string> gravity_rejection;
-  // Suspected defects of the input or the result, causes before their effects.
+  // Suspected defects of the input or the result, causes before effects.
   std::vector<Finding> findings;
   std::vector<StageTime> times;
 };
 
-// Sees a model grow: frames once they have positions, then points, then each
-// round of bundle adjustment. Coordinates change from call to call. Runs on the
-// thread of the mapper, and no result depends on it.
+// Called as a model grows: when frames have positions, when points exist, and
+// after each round of bundle adjustment. Coordinates change from call to call.
+// Runs on the thread of the mapper and does not affect results.
 using ModelObserver = std::function<void(const Reconstruction& model)>;
 
 struct MapperInput {
   Scene scene;           // images, frames, rigs and cameras
   ViewGraph view_graph;  // verified matches between the images of the scene
   // Measured camera centers. Models are registered to the world of the
-  // positions if these determine it, and deformed towards them if they drifted.
+  // positions if these determine it, and deformed toward them if the models
+  // drifted.
   PositionPriors position_priors = {};
   // Measured directions of gravity. Models that neither position priors nor an
-  // existing model place in a world frame have gravity along +y.
+  // existing model align have gravity along +y.
   GravityPriors gravity_priors = {};
   // A model of some frames of the scene, with the indices of the scene. The
   // mapper then adds the other frames (mgsfm/registration/model_extension.h)
   // and returns this one model.
   std::optional<Reconstruction> existing_model = {};
-  // Whether cameras without common frames are a finding; false if single images
-  // are intended.
+  // Whether cameras without common frames raise a finding; false if single
+  // images are intended.
   bool expects_rigs = true;
   ModelObserver observer = {};  // may be null
 };

@@ -15,7 +15,7 @@ struct RunDescription {
   std::string version;
   std::string database_path;
   std::string input_path;    // folder of the existing model, or ""
-  std::string rig_source;    // where rigs and frames come from, in words
+  std::string rig_source;    // source of rigs and frames, in words
   std::string options_json;  // all options, as a JSON object
   uint64_t random_seed = 0;
   std::vector<StageTime> times;  // times of reading and writing

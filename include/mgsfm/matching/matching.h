@@ -16,17 +16,17 @@ namespace mgsfm {
 // database (FeatureDatabase::ReadStructure and LoadScene); its frames and
 // sensors guide the selection.
 //
-// Pairs with a two-view geometry in the database are skipped; pairs with
-// matches only are verified. Results are written in transactions of at most 256
-// pairs, so an interrupted run resumes where it stopped. They depend on images,
-// image names, options and seed, not on ids, order of work or threads. All
-// functions throw Error, naming the image or pair, if keypoints, descriptors
-// and matches are inconsistent.
+// Pairs with a two-view geometry in the database are skipped; pairs that have
+// only matches are verified. Results are written in transactions of at most 256
+// pairs, so an interrupted run resumes where it stopped. Results depend on
+// images, image names, options and seed, not on ids, processing order or
+// threads. All functions throw Error, naming the image or pair, if keypoints,
+// descriptors and matches are inconsistent.
 
 struct PairMatchingSummary {
-  size_t num_pairs = 0;     // selected
-  size_t num_done = 0;      // of these, in the database before
-  size_t num_verified = 0;  // of all, with at least min_num_inliers inliers
+  size_t num_pairs = 0;     // selected pairs
+  size_t num_done = 0;      // already in the database
+  size_t num_verified = 0;  // of num_pairs, with min_num_inliers inliers
 };
 
 // All image pairs, in blocks that share the feature cache.
@@ -36,8 +36,8 @@ PairMatchingSummary MatchExhaustively(FeatureDatabase* database,
                                       const PairMatchingOptions& matching,
                                       const Context& context);
 
-// Image pairs of one camera within `overlap` frames; pairs of cameras of a rig
-// that turn out to overlap; and loops: pairs of frames more than 2 * `overlap`
+// Image pairs of one camera within `overlap` frames; pairs of rig cameras that
+// are found to overlap; and loops: pairs of frames more than 2 * `overlap`
 // frames apart in a sequence, or of different sequences.
 PairMatchingSummary MatchSequentially(FeatureDatabase* database,
                                       const Scene& scene,

@@ -54,7 +54,7 @@ struct TwoViewGeometryOptions {
   // COLMAP's spelling. NOLINTNEXTLINE(readability-identifier-naming)
   Option<double> max_H_inlier_ratio{
       "max_H_inlier_ratio", 0.8, Between(0.0, 1.0),
-      "Take an image pair for planar or panoramic if the ratio of homography "
+      "Treat an image pair as planar or panoramic if the ratio of homography "
       "inliers to inliers exceeds this value."};
   Option<bool> detect_watermark{
       "detect_watermark", true,
@@ -65,7 +65,7 @@ struct TwoViewGeometryOptions {
       "Set the width of the border in which watermarks are searched."};
   Option<double> watermark_min_inlier_ratio{
       "watermark_min_inlier_ratio", 0.7, Between(0.0, 1.0),
-      "Take a pair for a watermark if at least this ratio of its inliers is in "
+      "Treat a pair as a watermark if at least this ratio of its inliers is in "
       "the border and shares one translation."};
 
   template <class Visitor>
@@ -138,8 +138,8 @@ struct SequentialPairOptions {
       "following frames."};
   Option<int> num_probe_frames{
       "num_probe_frames", 10, AtLeast(1), "frames",
-      "Try all camera pairs in this many frames, to learn which cameras "
-      "overlap and how many frames later."};
+      "Try all camera pairs in this many frames to find which cameras overlap, "
+      "and after how many frames."};
   Option<double> min_probe_ratio{
       "min_probe_ratio", 0.1, Between(0.0, 1.0),
       "Match two cameras in all frames only if at least this fraction of the "
@@ -185,8 +185,8 @@ struct SequentialMatchingOptions {
 struct VocabularyTrainingOptions {
   Option<int> num_visual_words{
       "num_visual_words", 65536, AtLeast(1), "words",
-      "Train about this many visual words. There are fewer if there are fewer "
-      "than 8 descriptors per word."};
+      "Train about this many visual words, or fewer if there are fewer than 8 "
+      "descriptors per word."};
   Option<int> branching{"branching", 16, Between(2, 1024), "children",
                         "Limit the children of a node of the vocabulary tree."};
   Option<int> num_iterations{"num_iterations", 8, AtLeast(1), "iterations",

@@ -15,8 +15,8 @@
 
 namespace mgsfm {
 
-// Operations on finished models. They keep rigs and frames, so that poses of
-// images remain products of poses of sensors and frames.
+// Operations on finished models. They preserve rigs and frames: the pose of an
+// image remains the product of sensor and frame pose.
 
 struct SceneModel {
   Scene scene;
@@ -48,8 +48,8 @@ std::vector<ImagePoses> PairImages(const SceneModel& model,
 struct ImageAgreement {
   // The distances between centers of images, in the unit of the reference.
   std::vector<double> distances;
-  // Models have any unit, but a distance of a tenth of the extent of the
-  // reference is no agreement.
+  // Models have any unit of length. A distance of a tenth of the extent of the
+  // reference does not count as agreement.
   double max_distance = 0.0;
   // The images within that distance.
   int num_agreeing = 0;
@@ -57,8 +57,7 @@ struct ImageAgreement {
 ImageAgreement CompareCenters(const std::vector<ImagePoses>& images,
                               const Sim3& reference_from_model,
                               const Reconstruction& reference);
-// The least share of the images that must agree. RANSAC finds it in a mixture
-// with anything.
+// The minimum fraction of images that must agree. RANSAC finds such a minority.
 constexpr double kMinAgreeingShare = 0.25;
 
 // The rigid transform to a world with z up, whose plane z = 0 is that of the
@@ -68,10 +67,10 @@ constexpr double kMinAgreeingShare = 0.25;
 //   n^T C n / tr(C) - mu^2 (n . u)^2,
 //
 // where C is the covariance of the centers, u is the mean upward axis (-y) of
-// the reference images, and mu = 0.05. The second term decides where a path is
-// straight. n points to the side of u, or against the mean viewing direction if
-// cameras look down. With a measured upward direction, that is n. nullopt
-// without a frame.
+// the reference images, and mu = 0.05. The second term determines n if the path
+// is straight. n points to the side of u, or against the mean viewing direction
+// if cameras look down. A measured upward direction replaces n. nullopt without
+// a frame.
 std::optional<Sim3> AlignToGroundPlane(
     const SceneModel& model,
     const std::optional<Eigen::Vector3d>& measured_up = std::nullopt);
@@ -82,7 +81,7 @@ struct MergeOptions {
   int min_common_images = 3;
   // Observations with larger errors are removed from the result.
   double max_reproj_error_px = 64.0;
-  // The alignment, if it is known. Common images then may be few.
+  // The alignment, if known. Few common images then suffice.
   std::optional<Sim3> first_from_second = {};
 };
 
@@ -98,12 +97,12 @@ struct MergeSummary {
   int num_dropped_points = 0;
 };
 
-// Adds the second model to the first, in whose world the result is. Images are
-// the same if their names are; frames are the same if they share an image, or
-// if their rigs have the same sensors and they have the same name. Common
-// frames provide the poses for AlignPoses (mgsfm/evaluation/evaluation.h), one
-// per common sensor. Poses and intrinsics of the first model are kept. Points
-// that share an observation become one.
+// Adds the second model to the first; the result is in the world of the first.
+// Images are the same if their names are; frames are the same if they share an
+// image, or if their rigs have the same sensors and they have the same name.
+// Common frames provide the poses for AlignPoses
+// (mgsfm/evaluation/evaluation.h), one per common sensor. Poses and intrinsics
+// of the first model are kept. Points that share an observation become one.
 //
 // Throws Error, naming images or cameras, if there are too few common images,
 // or if the models contradict each other: in rigs, frames, camera models,

@@ -38,8 +38,8 @@ struct EnumTable<ModelFormat> {
 // their images refer to the copy.
 //
 // Throws Error, naming the file, if one cannot be written completely; naming
-// the element, if a camera, pose or point is not finite or beyond 1e15, so that
-// no reader would take it; and what CheckFormat throws.
+// the element, if a camera, pose or point is not finite or exceeds 1e15, which
+// readers reject; and for the reasons of CheckFormat.
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,
                 const Context& context = {});
@@ -64,8 +64,8 @@ struct ModelFrame {
   std::vector<ImageId> image_ids;
 };
 
-// Image poses are those of the images file, with which the frames and rigs of
-// all writers agree.
+// Image poses are those of the images file; the frames and rigs files of all
+// writers agree with them.
 struct PoseModel {
   std::vector<ModelImage> images;  // sorted by name
   std::vector<RigRow> rigs;        // empty if the model has none (COLMAP 3.8)
@@ -74,7 +74,7 @@ struct PoseModel {
 
 // Reads images, rigs and frames of a COLMAP model, text or binary (which is
 // preferred if both are there), without keypoints. Throws Error, naming the
-// file, for a missing, truncated or otherwise unreadable one.
+// file, if it is missing, truncated or otherwise unreadable.
 PoseModel ReadModelPoses(const std::filesystem::path& folder);
 
 struct ModelKeypoint {
@@ -103,8 +103,8 @@ struct Model {
 };
 
 // Reads a whole model. Also throws Error if an image has no camera, or if
-// points and keypoints do not refer to each other. All readers of models refuse
-// cameras, poses and points that WriteModel would not write, and names that are
+// points and keypoints do not refer to each other. All model readers reject
+// cameras, poses and points that WriteModel would reject, and names that are
 // not UTF-8 or have control characters.
 Model ReadModel(const std::filesystem::path& folder);
 

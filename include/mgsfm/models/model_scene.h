@@ -14,20 +14,20 @@ namespace mgsfm {
 
 // A model in the types of the stages.
 struct ModelScene {
-  // Its order is canonical. Intrinsics count as known (has_prior_focal_length),
-  // as a model does not store which are. Sensor poses are known only if a
-  // rig_config.json gives them; those of the model are estimates.
+  // In canonical order. Intrinsics count as known (has_prior_focal_length),
+  // because a model does not store which are. Sensor poses are known only if a
+  // rig_config.json provides them; poses in the model are estimates.
   Scene scene;
   Reconstruction reconstruction;  // positions are those of scene
-  std::string rig_source;         // in words
+  std::string rig_source;         // description for messages
 };
 
 // Finds rigs and frames as the mapper does (see SceneLoadingOptions), using the
 // rigs and frames of the model instead of those of the database. Without them
-// (COLMAP 3.8), sensor poses are robust averages over frames: the
-// relative rotation with the least sum of angles to the others, and the medians
-// of the coordinates of the relative translations. The pose of a frame follows
-// from its image of the reference sensor, else from its first image.
+// (COLMAP 3.8), sensor poses are robust averages over frames: the relative
+// rotation with the least sum of angles to the others, and the medians of the
+// coordinates of the relative translations. The pose of a frame is computed
+// from its image of the reference sensor, or else from its first image.
 //
 // Throws Error if
 // - there is no image,
@@ -36,7 +36,7 @@ struct ModelScene {
 // - images whose names make them a rig do not move like one: the rotations in
 //   the rig differ by 5 degrees or more in half of the frames,
 // - the pose of a sensor in its rig is unknown,
-// - known poses of sensors differ from those of the images by more than 1
+// - known sensor poses differ from those implied by the images by more than 1
 //   degree, or 5 % of the largest distance from the reference,
 // and for the same reasons as LoadScene.
 [[nodiscard]] ModelScene MakeModelScene(const Model& model,
@@ -44,7 +44,7 @@ struct ModelScene {
                                         const SceneLoadingOptions& options,
                                         const Context& context);
 
-// Loads the model of a folder; also throws what ReadModel throws.
+// Loads the model in a folder; also throws the errors of ReadModel.
 [[nodiscard]] ModelScene LoadModelScene(const std::filesystem::path& folder,
                                         const SceneLoadingOptions& options,
                                         const Context& context);

@@ -14,10 +14,10 @@ namespace mgsfm {
 
 // Sources of rigs and frames; the first one that is given is used:
 //
-// 1. `rig_config_path`: COLMAP's rig_config.json, see rig_config.h, or a folder
-//    with one or with a sparse model, whose calibration is taken. Images that
-//    no prefix covers are single: each camera a rig of its own, each image a
-//    frame. Or `calibration_path`: a calibration in another format
+// 1. `rig_config_path`: COLMAP's rig_config.json (see rig_config.h), or a
+//    folder with this file or with a sparse model, whose calibration is used.
+//    Images without a matching prefix are single: each camera is a rig, each
+//    image a frame. Or `calibration_path`: a calibration in another format
 //    (src/io/calibration/calibration_rigs.h), likewise.
 // 2. `rig_name_rule` other than "auto".
 //    "none": all images are single.
@@ -47,12 +47,12 @@ namespace mgsfm {
 // If cameras of the same name have different intrinsics in different outer
 // folders (rig1/cam0, rig2/cam0), each outer folder is a separate rig. The
 // images of a camera folder must have one camera, or equal ones, which are
-// merged; otherwise LoadScene throws Error.
+// merged; otherwise, LoadScene throws Error.
 //
 // With `frame_max_time_difference_s`, names define the cameras only (1, 2 and
 // 4; 3 is skipped), and images of different cameras of a rig belong to one
-// frame by their times (src/io/rigs/frames_by_time.h). In 4, each level of
-// folders may identify the camera then.
+// frame by their times (src/io/rigs/frames_by_time.h). In 4, any level of
+// folders may then identify the camera.
 //
 // The reference sensor is given by 1 or 3; otherwise it is the one with the
 // most images, ties by name. If it has no image, another sensor replaces it.
@@ -82,10 +82,10 @@ struct SceneLoadingOptions {
       "names are times that differ from camera to camera."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
-      "Read the exposure times of images from this file, a line `image_name "
-      "SECONDS` for every image. Without it, frame_max_time_difference_s uses "
-      "the times in image names. SoftRig.method time_offset needs exposure "
-      "times, too."};
+      "Read the exposure times of images from this file with one line "
+      "`image_name SECONDS` per image. Without it, frame_max_time_difference_s "
+      "uses the times in image names. SoftRig.method time_offset needs "
+      "exposure times, too."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -99,12 +99,12 @@ struct SceneLoadingOptions {
   bool PairsFramesByTime() const { return frame_max_time_difference_s > 0.0; }
 };
 
-// Changes of a loaded scene, at the request of the user.
+// Changes of a loaded scene at the user's request.
 struct RigSplitOptions {
   Option<std::string> split_rig_at{
       "split_rig_at", "",
-      "Give the rig a calibration of its own from the frame of this name on. "
-      "Set it if a camera was moved during the recording."};
+      "Calibrate the rig separately from the frame of this name on. Set it if "
+      "a camera was moved during the recording."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -120,7 +120,7 @@ struct LoadedScene {
 
 // Reads a database (ReadDatabase) into the canonical order of Scene and
 // ViewGraph. Pairs without matches are dropped. Renumbering the database
-// changes nothing but the ids in the result. Throws Error for bad input.
+// changes only the ids in the result. Throws Error for bad input.
 [[nodiscard]] LoadedScene LoadScene(const std::string& database_path,
                                     const SceneLoadingOptions& options,
                                     const Context& context);
@@ -132,7 +132,7 @@ struct LoadedScene {
 
 struct LoadedMatches {
   Scene scene;
-  std::vector<PairMatches> pairs;  // sorted as those of a ViewGraph
+  std::vector<PairMatches> pairs;  // sorted as in a ViewGraph
 };
 
 // The same for rows that were selected without geometries.

@@ -20,8 +20,8 @@ namespace mgsfm {
 // Verification accepts a pair on its own matches. Duplicate structures, such as
 // two equal facades, pass it: their matches agree with one relative pose, and
 // many such pairs agree with each other. Robust averaging cannot outvote them.
-// The rules of kPairRules compare pairs instead; all judge pairs of frames, so
-// that the cameras of a rig vote together (docs/maths/pair_filtering.md).
+// The rules of kPairRules compare pairs. They judge pairs of frames, so that
+// the cameras of a rig vote together (docs/maths/pair_filtering.md).
 //
 // Two kinds of evidence serve several rules:
 //
@@ -62,7 +62,7 @@ struct PairFilteringOptions {
       "they do, pairs of neighbors decide how the trajectory continues, not "
       "loop pairs."};
   // Start rotations and positions from a skeletal graph. Without it, the two
-  // rules that compare pairs with the skeleton are off, too.
+  // rules that compare pairs with the skeletal graph are off, too.
   bool use_skeletal_graph = true;
   // Select the skeletal graph by triplet-consistent matches first, instead of
   // by all matches.
@@ -84,11 +84,11 @@ struct PairFilteringOptions {
   Option<bool> use_motion_continuity{
       "use_motion_continuity", true,
       "Reject pairs of a sequence that show an object moving along with the "
-      "rig, where two motions exclude each other by their matches and persist "
-      "in adjacent frames."};
+      "rig, if matches show two mutually exclusive motions that persist in "
+      "adjacent frames."};
   Option<bool> use_ambiguous_motion{
       "use_ambiguous_motion", true,
-      "Reject pairs of neighbors in a sequence across a step whose rival "
+      "Reject pairs of neighbors in a sequence across a step whose competing "
       "motions are equally probable. Needs use_motion_continuity."};
   Option<bool> use_fixed_regions{
       "use_fixed_regions", true,
@@ -102,14 +102,14 @@ struct PairFilteringOptions {
       "use_baseline_consistency", true,
       "Reject pairs whose baseline contradicts the estimated positions."};
 
-  // Strength of a pair of frames, relative to the strongest pair of either
-  // frame, above which it joins the skeletal graph.
+  // Minimum strength of a pair of frames, relative to the strongest pair of
+  // either frame, to join the skeletal graph.
   double min_strength = 0.6;
-  // Strength, relative to the strongest pair that leaves a component, from
-  // which a pair connects components of the skeletal graph.
+  // Minimum strength of a pair to connect components of the skeletal graph,
+  // relative to the strongest pair that leaves a component.
   double min_connecting_strength = 0.5;
-  // Tolerance of pair rotations against those of the skeletal graph; the drift
-  // bound is added to it.
+  // Tolerance of pair rotations against the skeletal graph; the drift bound is
+  // added to it.
   double max_rotation_error_deg = 3.0;
   // Drift bound of rotations in standard deviations of a random walk along the
   // skeletal graph.
@@ -119,16 +119,16 @@ struct PairFilteringOptions {
   // A bridge is rejected if the pairs that contradict it have at least this
   // multiple of its matches. In a sequence, only neighbors count.
   double min_share_against_bridge = 0.5;
-  // Largest drift bound of positions, as a share of the path length. It is
+  // Largest drift bound of positions, as a fraction of the path length. It is
   // tightened to a tenth while positions violate the skeletal graph.
   double max_baseline_drift = 0.2;
   // Baseline errors below this many typical depths of points never reject a
-  // pair. Loop closures miss by the drift, which is small compared with what
-  // the cameras see.
+  // pair. The drift at a loop closure is small compared with the depths of
+  // points.
   double max_baseline_error_in_depths = 0.25;
   // Baseline errors below this share of the longer of the measured and
-  // estimated baseline never reject a pair. Steps of a sequence have the same
-  // tolerance.
+  // estimated baseline never reject a pair. Relative motions of adjacent frames
+  // have the same tolerance.
   double max_relative_baseline_error = 0.5;
 
   template <class Visitor>
@@ -140,8 +140,7 @@ struct PairFilteringOptions {
   }
 };
 
-// Why a pair is not used: the first rule that it fails, or what the estimate
-// lacks.
+// Why a pair is not used: the first rule that it fails, or a missing estimate.
 enum class RejectionReason {
   kNoRelativePose,  // verification found none
   kFixedRegion,
@@ -178,10 +177,10 @@ struct EnumTable<RejectionReason> {
       {"inconsistent_baseline", RejectionReason::kInconsistentBaseline}};
 };
 
-// A rule rejects pairs for a reason of its own, which the report counts.
+// A rule rejects pairs for its own reason; the report counts them by reason.
 struct PairRule {
   std::string_view name;
-  std::string_view stage;  // that it follows
+  std::string_view stage;  // the rule runs after this stage
   RejectionReason reason;
   Option<bool> PairFilteringOptions::*option;  // switches it off
   std::string_view rejects;
@@ -246,13 +245,13 @@ struct RejectionCount {
   size_t num_pairs = 0;
 };
 
-// All reasons in the order of the enum, also those without any pair.
-// EnumName() gives the name of a reason in the report. Pairs of fixed regions
-// are no longer in the view graph.
+// All reasons in the order of the enum, including reasons without pairs.
+// EnumName() returns the name of a reason in the report. Pairs in fixed regions
+// are not in the view graph.
 std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts,
                                             size_t num_of_fixed_regions = 0);
 
-// Rejected pairs between two stretches of neighboring frames: first_frame_idx1
+// Rejected pairs between two segments of neighboring frames: first_frame_idx1
 // to last_frame_idx1 and first_frame_idx2 to last_frame_idx2. A large group
 // indicates duplicate structures.
 struct RejectedGroup {
@@ -272,8 +271,8 @@ struct RejectedGroup {
   }
 };
 
-// One line for the user: how many pairs between which frames, and what they may
-// show.
+// One line for the user: how many pairs between which frames, and the possible
+// cause.
 std::string DescribeRejectedGroup(const Scene& scene,
                                   const RejectedGroup& group);
 

@@ -34,8 +34,8 @@ constexpr char kPositionKindHelp[] =
 
 // Measured positions of images, by GPS or in any Cartesian world, and measured
 // gravity: from the table pose_priors of the database, or from a file with one
-// line "image_name X Y Z" per image, where '#' starts comments. A trajectory of
-// TUM or KITTI is a file of positions, too.
+// line "image_name X Y Z" per image, where '#' starts comments. TUM and KITTI
+// trajectories are also read as positions.
 struct PosePriorOptions {
   Option<bool> use_prior_position{
       "use_prior_position", false,
@@ -43,10 +43,10 @@ struct PosePriorOptions {
       "place models in their world and as priors of bundle adjustment."};
   Option<std::string> ref_images_path{
       "ref_images_path", "",
-      "Use the positions in this file instead of the table pose_priors: a line "
-      "`image_name X Y Z` per image, or a trajectory of the reference camera "
-      "in the format of TUM (by "
-      "the times of images) or KITTI (a line per frame)."};
+      "Use the positions in this file instead of the table pose_priors: one "
+      "line `image_name X Y Z` per image, or a trajectory of the reference "
+      "camera in the format of TUM (by image times) or KITTI (one line per "
+      "frame)."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<bool> overwrite_priors_covariance{
@@ -55,16 +55,13 @@ struct PosePriorOptions {
       "database."};
   Option<double> prior_position_std_x_m{
       "prior_position_std_x", 1.0, GreaterThan(0.0), "m",
-      "Set the standard deviation toward the east of positions without "
-      "covariance."};
+      "Set the east standard deviation of positions without covariance."};
   Option<double> prior_position_std_y_m{
       "prior_position_std_y", 1.0, GreaterThan(0.0), "m",
-      "Set the standard deviation toward the north of positions without "
-      "covariance."};
+      "Set the north standard deviation of positions without covariance."};
   Option<double> prior_position_std_z_m{
       "prior_position_std_z", 1.0, GreaterThan(0.0), "m",
-      "Set the standard deviation of the height of positions without "
-      "covariance."};
+      "Set the vertical standard deviation of positions without covariance."};
   Option<bool> use_prior_gravity{
       "use_prior_gravity", false,
       "Use the gravity directions in the table pose_priors to level the "
@@ -88,18 +85,17 @@ struct PosePriorOptions {
 };
 
 // Whether positions without a coordinate system are latitude, longitude and
-// altitude. Throws Error, naming `source`, if kAuto cannot tell.
+// altitude. Throws Error, naming `source`, if kAuto cannot decide.
 [[nodiscard]] bool AreGps(const std::vector<Eigen::Vector3d>& positions,
                           PositionKind kind, const std::string& source);
 
-// The priors of a scene; empty if the options use none. Positions given in
-// degrees become meters east, north and up of the first of them, by the name of
-// the image. Throws Error, naming the image, for a position or covariance that
-// is not finite or not possible, for a mixture of coordinate systems, and for
-// an image that is unknown or repeated. Also throws Error for a file that
-// cannot be read, if there is no position at all, and if positions are GPS, but
-// known poses in a rig cannot be in meters. `source` names the rows in
-// messages.
+// The priors of a scene; empty if the options use none. Positions in degrees
+// are converted to meters east, north and up of the first position by image
+// name. Throws Error, naming the image, for a position or covariance that is
+// not finite or impossible, for mixed coordinate systems, and for an image that
+// is unknown or repeated. Also throws Error if the file cannot be read, if
+// there is no position, and if positions are GPS but known sensor poses cannot
+// be in meters. `source` names the rows in messages.
 [[nodiscard]] PositionPriors MakePositionPriors(
     const Scene& scene, const std::vector<PosePriorRow>& rows,
     const std::string& source, const PosePriorOptions& options);
@@ -113,21 +109,21 @@ struct PosePriorOptions {
 // with lines "image_name GX GY GZ", or from the column `gravity` of pose_priors
 // (COLMAP 4.0 and later), both of any length. Empty if the options use none.
 // Throws Error, naming the line or image, for a direction that is zero or, in a
-// file, not finite, and as above.
+// file, not finite, and for the reasons above.
 [[nodiscard]] GravityPriors ReadGravity(const Scene& scene,
                                         const std::string& database_path,
                                         const PosePriorOptions& options);
 void WriteGravity(const std::string& path, const Scene& scene,
                   const GravityPriors& gravity);
 
-// Writes {"latitude_deg", "longitude_deg", "altitude_m"} of the origin of a
-// world that is east, north, up.
+// Writes the origin of an east-north-up world as {"latitude_deg",
+// "longitude_deg", "altitude_m"}.
 void WriteGeoOrigin(const std::string& path,
                     const Eigen::Vector3d& origin_wgs84);
 
-// The same from geo_origin.json in the folder of a model; nullopt without one.
-// Throws Error, naming the file, unless it holds a latitude, a longitude and an
-// altitude.
+// Reads the origin from geo_origin.json in the folder of a model; nullopt
+// without the file. Throws Error, naming the file, unless it holds a latitude,
+// a longitude and an altitude.
 [[nodiscard]] std::optional<Eigen::Vector3d> ReadGeoOrigin(
     const std::string& model_folder);
 // Throws Error, naming `source`, unless latitude and longitude (degrees) and

@@ -47,14 +47,14 @@ struct ResectedFrame {
   int frame_idx = 0;
   bool is_added = false;
   int num_images = 0;     // images of calibrated sensors
-  int num_keypoints = 0;  // keypoints of these matched to points
+  int num_keypoints = 0;  // their keypoints matched to points
   int num_inliers = 0;
 };
 
-// A sensor that was calibrated by resection.
+// A sensor whose pose in the rig was estimated by resection.
 struct PlacedSensor {
   int sensor_idx = 0;
-  int num_frames = 0;  // that contributed a relative pose
+  int num_frames = 0;  // frames that contributed a relative pose
 };
 
 struct ResectionResult {
@@ -80,8 +80,8 @@ struct ResectionResult {
 // 2. Tracks, points and bundle adjustment of all frames, as in the mapper.
 //
 // Gauge: that of the existing model. Unless poses are fixed, the result is
-// aligned to it by the similarity that fits the poses of its images, or by a
-// rigid motion if known poses of sensors determine the unit of length.
+// aligned to the existing model by the similarity that fits the image poses, or
+// by a rigid transform if known sensor poses determine the unit of length.
 //
 // Cost: each pass is linear in the matches between frames with poses; bundle
 // adjustment dominates.

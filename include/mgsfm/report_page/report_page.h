@@ -56,10 +56,10 @@ struct ReportPageOptions {
 // HTML; the 3D view and the details of cameras and points need JavaScript.
 //
 // Points, their tracks and thumbnails are selected so that the page has at most
-// `max_bytes`, unless the page without them is larger. Points are stored in an
-// order in which each prefix represents the cloud: weighted random sampling
-// without replacement (Efraimidis & Spirakis 2006) with weights that grow with
-// the track length and decrease with the reprojection error and the local
+// `max_bytes`, unless the page without them is larger. Points are stored such
+// that each prefix of the list represents the cloud: weighted random sampling
+// without replacement (Efraimidis & Spirakis 2006) with weights that increase
+// with the track length and decrease with the reprojection error and the local
 // density. Cost: linear in observations, O(P log P) in points.
 //
 // Images that cannot be read have no thumbnail. An unreadable report is

@@ -21,9 +21,9 @@ namespace mgsfm {
 // "cam_from_rig_translation" [x, y, z]: the pose where it is known;
 // "camera_model_name" with "camera_params": intrinsics.
 //
-// COLMAP does not know "image_pattern", which stands in place of the prefix if
-// only a later part of the names tells the cameras apart: "IMG_*_cam1.jpg".
-// The stars stand for the same text in all images of a frame.
+// "image_pattern", which COLMAP does not know, replaces the prefix if only a
+// later part of the names distinguishes the cameras: "IMG_*_cam1.jpg". The
+// stars stand for the same text in all images of a frame.
 struct RigConfigCamera {
   std::string image_prefix;
   bool is_reference = false;
@@ -31,7 +31,7 @@ struct RigConfigCamera {
   std::optional<Rigid3> cam_from_rig;
   std::optional<CameraModelId> camera_model;
   std::vector<double> camera_params;  // of camera_model
-  std::string image_pattern = {};     // if not empty, in place of the prefix
+  std::string image_pattern = {};     // if not empty, replaces the prefix
 
   // Prefix or pattern, for messages.
   const std::string& NameRule() const {
@@ -39,8 +39,8 @@ struct RigConfigCamera {
   }
 };
 
-// The part of the name of an image that it shares with the images of its frame;
-// nullopt if it is of another camera.
+// The part of an image name that all images of its frame share; nullopt if the
+// image belongs to another camera.
 std::optional<std::string> FrameKeyOf(const RigConfigCamera& camera,
                                       const std::string& image_name);
 
@@ -58,12 +58,12 @@ struct RigConfig {
 void WriteRigConfig(const std::string& path,
                     const std::vector<RigConfig>& rigs);
 
-// The calibrated rigs of a model: poses where they are estimated, and
-// intrinsics. The format tells images apart by a prefix of their names, so a
-// rig whose cameras have images in several folders (seq1/cam0, seq2/cam0)
-// becomes one rig with the same poses per outer folder. Rigs that no prefix can
-// distinguish have patterns. Sensors without images, and rigs whose cameras the
-// names do not tell apart, are skipped.
+// The calibrated rigs of a model: estimated poses and intrinsics. The format
+// identifies the images of a camera by a prefix of their names, so a rig whose
+// cameras have images in several folders (seq1/cam0, seq2/cam0) becomes one rig
+// with the same poses per outer folder. Cameras that no prefix distinguishes
+// get patterns. Sensors without images, and rigs whose cameras have
+// indistinguishable names, are skipped.
 [[nodiscard]] std::vector<RigConfig> MakeRigConfigs(
     const Scene& scene, const Reconstruction& reconstruction);
 

@@ -30,18 +30,18 @@ namespace mgsfm {
 //
 // Objective: sum_ij w_ij rho(|e_ij|^2) / 2 with e_ij = Log(R_j^T R_ij R_i). rho
 // is the loss of Geman and McClure; its scale is annealed from 5 deg to six
-// robust standard deviations of e (rotation_solver.h). With the share s =
-// min(n, inlier_cap) / inlier_cap of n matches, w_ij is s at the last scale,
-// the inverse variance of a right pair, and sqrt(s) before, so that strong
-// wrong pairs do not outvote the weak right ones of a thin cut. Method:
+// robust standard deviations of e (rotation_solver.h). For n matches, let s =
+// min(n, inlier_cap) / inlier_cap. At the last scale, w_ij = s, the inverse
+// variance of a correct pair; before, w_ij = sqrt(s), so that strong wrong
+// pairs do not outvote the weak correct pairs of a thin cut. Method:
 //
 // 1. Rotations of single images without regard to rigs: spanning forest, L1
 //    averaging, iteratively re-weighted least squares (IRLS).
 // 2. S_k as the geodesic L1 median over frames of R_j R_i^T S_i, along a
 //    spanning tree of sensors rooted at the known ones. Sensors that share no
-//    frame of a connected component with others: hand-eye calibration, A S_k =
-//    S_k B, from relative rotations A of the sensor and B of the rig. It fails
-//    for a sensor that rotated about less than two axes. Such a sensor is
+//    frame with others in a connected component use hand-eye calibration, A S_k
+//    = S_k B, from relative rotations A of the sensor and B of the rig. It
+//    fails for a sensor that rotated about less than two axes. Such a sensor is
 //    reported, its rotation stays nullopt, and no frame depends on its images.
 // 3. Rotations of frames with S_k fixed, by the method of step 1.
 // 4. All G_f and S_k jointly, by IRLS.
@@ -105,8 +105,7 @@ struct RotationAveragingOptions {
   // A sensor without overlap is unobservable if its rotations about a second
   // axis have a smaller root mean square.
   double min_hand_eye_rotation_deg = 3.0;
-  // Standard deviation of gravity priors; larger errors are detected and raise
-  // it.
+  // Standard deviation of gravity priors. It is increased if errors are larger.
   double gravity_sigma_deg = 1.0;
 
   template <class Visitor>
@@ -115,7 +114,7 @@ struct RotationAveragingOptions {
   }
 };
 
-// The sensor_from_rig rotation of one sensor.
+// The estimated sensor_from_rig rotation of one sensor.
 struct SensorRotationSummary {
   int num_samples = 0;                         // frames that contributed
   std::optional<double> median_deviation_deg;  // of the samples
@@ -137,12 +136,12 @@ struct RotationSummary {
   int num_pairs_without_rotation = 0;          // no relative pose
   int num_pairs_unobservable = 0;   // unknown sensor_from_rig rotation
   int num_pairs_dropped = 0;        // all other pairs that are not inliers
-  int num_unsupported_bridges = 0;  // those dropped as unsupported bridges
+  int num_unsupported_bridges = 0;  // dropped unsupported bridges
   int num_components = 0;           // connected components of frames
   std::optional<double> median_error_deg;  // of the pairs kept by step 5
   std::optional<GravitySummary> gravity;   // if there are priors
 
-  // The fields that belong to no sensor.
+  // The fields that are not per sensor.
   auto Fields() const {
     return Named("gravity", gravity, "images", images, "frames", frames,
                  "joint", joint, "num_components", num_components,
@@ -163,14 +162,14 @@ struct RotationAveragingInput {
   const Scene& scene;
   const ViewGraph& view_graph;
   const Mask& pair_is_used;
-  // Frames that it contains start there, and L1 averaging is skipped; null:
-  // none.
+  // Initial rotations of the frames that it contains; L1 averaging is then
+  // skipped. May be null.
   const RotationEstimate* start = nullptr;
   const GravityPriors& gravity = kNoGravity;
 };
 
-// Averages the relative rotations of the used pairs, once. Throws Error if none
-// of them has a relative pose.
+// Averages the relative rotations of the used pairs, once. Throws Error if no
+// used pair has a relative pose.
 [[nodiscard]] RotationResult AverageRotations(
     const RotationAveragingInput& input,
     const RotationAveragingOptions& options, const Context& context);

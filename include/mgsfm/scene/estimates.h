@@ -105,8 +105,8 @@ Reconstruction SeparateImages(
     const Reconstruction& reconstruction,
     std::vector<std::optional<Rigid3>> cam_from_world);
 
-// Combines rotations and positions to a model. Points keep the observations of
-// their track in registered images, and need at least two of them.
+// Combines rotations and positions into a model. Points keep the observations
+// of their track in registered images and need at least two of them.
 Reconstruction JoinEstimates(const Scene& scene,
                              const RotationEstimate& rotations,
                              const PositionEstimate& positions,

@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// The part of an ImagePair that takes the least memory.
+// The images and matches of an ImagePair, without geometry, to save memory.
 struct PairMatches {
   int image_idx1 = 0;  // < image_idx2
   int image_idx2 = 0;

@@ -17,20 +17,20 @@ struct PositionMeasurement {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
 };
 
-// Measured positions of the camera centers of images, in one common world.
+// Measured positions of the camera centers of images in one world frame.
 struct PositionPriors {
   std::vector<std::optional<PositionMeasurement>> images;  // empty: none
   // Latitude and longitude (degrees, WGS84) and altitude (meters) of the origin
   // if the world is a local tangent plane: x east, y north, z up.
   std::optional<Eigen::Vector3d> origin_wgs84;
-  // Positions at latitude 0, longitude 0 that were rejected: receivers write
-  // them without a fix.
+  // Rejected positions at latitude 0, longitude 0, which receivers write when
+  // they have no fix.
   int num_null_fixes = 0;
 
   bool IsEmpty() const { return images.empty(); }
 };
 
-// The direction of gravity as an inertial sensor measures it: per image, a unit
+// The direction of gravity as measured by an inertial sensor: per image, a unit
 // vector in the camera frame, (0, 1, 0) for an upright camera. Models that are
 // leveled by it have gravity along +y.
 struct GravityPriors {
@@ -52,7 +52,8 @@ struct ModelDeformation {
   }
 };
 
-// The use of measured positions in one model. Lengths are in their unit.
+// The use of measured positions in one model. Lengths are in the unit of the
+// positions.
 struct PositionPriorSummary {
   struct Outlier {
     int image_idx = 0;
@@ -64,11 +65,11 @@ struct PositionPriorSummary {
     }
   };
   bool is_registered = false;  // the model is in the world of the positions
-  std::string message;         // why it is not, or what was assumed
-  int num_priors = 0;          // of images registered at that time
+  std::string message;         // why it is not registered, or what was assumed
+  int num_priors = 0;          // of images registered before the alignment
   int num_used = 0;
-  std::optional<ModelDeformation> deformation;  // nullopt: none was needed
-  std::optional<double> rms;                    // distance of those used
+  std::optional<ModelDeformation> deformation;  // nullopt: not needed
+  std::optional<double> rms;  // distance of the used positions
   // Not used, or more than 4 standard deviations from the final model.
   std::vector<Outlier> outliers;
 
@@ -91,7 +92,7 @@ struct GravitySummary {
     }
   };
   int num_priors = 0;  // of images with a rotation
-  // The assumed standard deviation, or the robust estimate if that is larger.
+  // The assumed standard deviation, or the robust estimate if it is larger.
   double sigma_deg = 0.0;
   std::optional<double> median_error_deg;
   std::vector<Outlier> outliers;

@@ -13,13 +13,13 @@
 
 namespace mgsfm {
 
-// The input of a reconstruction: plain data that io fills and stages do not
+// The input of a reconstruction: plain data that io creates and stages do not
 // modify. Arrays refer to each other by dense indices (`_idx`). Ids identify
 // items in input and output files only.
 //
-// All arrays are in canonical order: images by name, frames as OrderOfFrames
-// says, everything else by its first image. Results therefore do not depend on
-// ids.
+// All arrays are in canonical order: images by name, frames as in
+// OrderOfFrames, everything else by its first image. Results therefore do not
+// depend on ids.
 
 // Intrinsics, shared by all images that refer to them.
 struct Camera {
@@ -64,7 +64,7 @@ struct Image {
   int sensor_idx = 0;
   int frame_idx = 0;
   std::vector<Eigen::Vector2f> keypoints_px;
-  // Capture time by the clock of the camera.
+  // Capture time on the clock of the camera.
   std::optional<double> timestamp_s = std::nullopt;
 };
 
@@ -85,17 +85,18 @@ struct Scene {
 // camera model, and the poses of reference sensors are the identity.
 void CheckConsistent(const Scene& scene);
 
-// The capture time of a frame: that of the image of the reference sensor, or
-// the mean over its images if there is none. All images must have a timestamp.
+// The capture time of a frame: the time of the image of the reference sensor,
+// or the mean over its images if there is none. All images must have a
+// timestamp.
 double TimeOfFrame(const Scene& scene, int frame_idx);
 
-// The frames of one sequence after the other. A sequence is a rig of several
-// sensors, or the single images of a folder; its first image by name tells its
-// place. Its frames are in the order of their times if all images have one,
-// else of their names, in which "9" comes before "10".
+// The frames, sequence by sequence. A sequence is a rig of several sensors, or
+// the single images of a folder. Sequences are ordered by the name of their
+// first image; frames of a sequence by time if all images have one, otherwise
+// by name in natural order ("9" before "10").
 std::vector<int> OrderOfFrames(const Scene& scene);
 
-// Puts the frames into that order. Returns the former index of each.
+// Sorts the frames in that order. Returns the previous index of each.
 std::vector<int> SortFrames(Scene* scene);
 
 // The id of a camera and the sensors that use it, for messages.

@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// Where is a model weak?
+// Finds where a model is weak.
 //
 // A model is rigid only as far as observations tie its frames together. The
 // maximum spanning tree of the frames, weighted by confirmed matches, defines
@@ -28,19 +28,19 @@ namespace mgsfm {
 //                sides. The pairs of such a group agree on another trajectory;
 //                isolated wrong pairs do not. A group counts against one cut of
 //                the loop that it closes: the weakest one that can hide its
-//                error. In a sequence, the error of a cut is that of a step.
+//                error, in a sequence the error of the relative motion there.
 //
-// The confidence of a cut is the share that agrees, less if few points cross:
+// The confidence of a cut is the fraction of matches that agree, reduced if few
+// points cross:
 //
 //   confirmed / (confirmed + against) * num_tracks / (num_tracks + n0),
 //
-// and that of a frame is the smallest of the cuts between it and the core, the
-// frame that no cut separates from most others. Wrong models break at seams. A
-// cut is a seam
+// The confidence of a frame is the minimum over the cuts between it and the
+// core, the frame that no cut separates from most others. A cut is a weak seam
 //
-//   few ties       if few points tie its sides. Two frames also agree on an
-//                  object that moves; more frames agree on it only if it moves
-//                  as the model does.
+//   few ties       if few points tie its sides. Two frames also agree on a
+//                  moving object; more frames agree on it only if it moves as
+//                  the rig does.
 //   jump           if neighbors in time on both sides contradict the motion of
 //                  the rig. It is the weakest cut between them, and its
 //                  confidence is 0.
@@ -50,17 +50,17 @@ namespace mgsfm {
 //   contradicted   if the share against it is large. Nothing counts against a
 //                  cut across which frames confirm the motion of the rig.
 //
-// The uncertainty of a seam is that of the pose of one of the two frames next
-// to it relative to the other, from the noise of the keypoints around them
-// (bundle_adjustment/relative_covariance.h). It assumes that the points that
-// cross the seam are correct.
+// The uncertainty of a seam is the covariance of the relative pose of the two
+// frames next to it, from the noise of the keypoints around them
+// (bundle_adjustment/relative_covariance.h). It assumes that the points across
+// the seam are correct.
 
 struct ConfidenceOptions {
-  // Report cuts as weak seams if fewer points are observed by two frames on
+  // Report a cut as a weak seam if fewer points are observed by two frames on
   // either side, or by all frames of a smaller side.
   int min_num_ties = 5;
-  // A cut is reported as a weak seam if the largest group of rejected pairs
-  // across it has more than this share of the matches.
+  // Report a cut as a weak seam if the largest group of rejected pairs across
+  // it has more than this fraction of the matches.
   double max_share_against = 0.6;
 };
 
@@ -82,14 +82,14 @@ struct EnumTable<SeamReason> {
 
 struct Seam {
   SeamReason reason = SeamReason::kFewTies;
-  // The frames on the side away from the core, ascending, and the frame next to
-  // the seam on either side.
+  // The frames on the side away from the core, ascending, and the two frames
+  // next to the seam: one beyond it, one on the side of the core.
   std::vector<int> frame_idxs_beyond;
   int frame_idx_beyond = 0;
   int frame_idx_core = 0;
   int num_pairs = 0;   // used pairs that cross the seam
   int num_tracks = 0;  // points observed on both sides
-  int num_ties = 0;    // those that two frames of either side observe
+  int num_ties = 0;    // points that two frames on either side observe
   int num_confirmed = 0;
   int num_against = 0;
   // Standard deviations of the position, in the unit of the model, and rotation
@@ -98,7 +98,7 @@ struct Seam {
   std::optional<double> sigma_position;
   std::optional<double> sigma_rotation_deg;
 
-  // The fields that do not depend on the side.
+  // The fields that are not per side.
   auto Fields() const {
     return Named("num_pairs", num_pairs, "num_tracks", num_tracks, "num_ties",
                  num_ties, "num_confirmed_matches", num_confirmed,

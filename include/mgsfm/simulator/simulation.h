@@ -34,8 +34,8 @@ std::vector<SimulatedCamera> MakeRig(RigPreset preset);
 struct SimulationInput {
   // Replaces options.rig. The first camera is the reference sensor.
   std::vector<SimulatedCamera> rig;
-  // Replaces options.path: poses of the reference camera, with y pointing down
-  // on average. Every options.frame_step-th pose becomes a frame.
+  // Replaces options.path: poses of the reference camera in a world whose y
+  // axis points down. Every options.frame_step-th pose becomes a frame.
   std::vector<Rigid3> rig_from_world_path;
   // Times of the poses. If empty, poses are 1 / options.frame_rate_hz apart.
   std::vector<double> timestamps_s;
@@ -51,7 +51,7 @@ enum class PairKind {
 struct Simulation {
   Scene scene;
   // Verified pairs with E and a relative pose, which is exact without noise.
-  // Equal to the result of LoadScene on the written database.
+  // Equals the result of LoadScene on the written database.
   ViewGraph view_graph;
   // Poses at the times of the frames, and the points observed by at least two
   // images with all their observations.

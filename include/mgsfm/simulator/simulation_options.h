@@ -55,10 +55,10 @@ enum class WorldPreset {
   kBridge,
 };
 
-// How bad the matches of a world with a path of its own are.
+// The noise level of the matches in a world with a path of its own.
 enum class NoiseLevel { kNone, kMild, kMedium };
 
-// Settings of all options of a simulation, named below.
+// Presets of all simulation options; see the functions below.
 enum class SimulationPreset {
   kSmall,
   kStreet,
@@ -307,9 +307,9 @@ SimulationOptions AliasedSimulation(RigPreset rig);
 // and weak cuts with duplicate structures nearby.
 SimulationOptions ModerateSimulation(RigPreset rig);
 
-// The same with 1 px noise, 35 % mismatches, 5 % epipolar outliers, about 20 %
-// of the features on vehicles, 5 % wrong pairs, 3 % missing images and more
-// weak cuts.
+// HardSimulation: AliasedSimulation with 1 px noise, 35 % mismatches, 5 %
+// epipolar outliers, about 20 % of the features on vehicles, 5 % wrong pairs, 3
+// % missing images and more weak cuts.
 SimulationOptions HardSimulation(RigPreset rig);
 
 // A world with a path of its own, with the rig that suits it. mild: 0.5 px
@@ -317,7 +317,7 @@ SimulationOptions HardSimulation(RigPreset rig);
 // epipolar outliers, 1 % isolated wrong pairs.
 SimulationOptions WorldSimulation(WorldPreset world, NoiseLevel level);
 
-// The options of a preset; those of kSmall are the defaults.
+// The options of a preset; kSmall selects the defaults.
 SimulationOptions PresetSimulation(SimulationPreset preset, RigPreset rig);
 
 }  // namespace mgsfm

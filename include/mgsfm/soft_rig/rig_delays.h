@@ -12,17 +12,17 @@
 
 namespace mgsfm {
 
-// A camera against the reference of its rig.
+// The delay of a camera relative to the reference sensor of its rig.
 struct CameraDelay {
   int sensor_idx = 0;
-  double delay = 0.0;  // positive: it triggers later than the reference
+  double delay = 0.0;  // positive: triggers after the reference
   double sigma = 0.0;
-  // Chance exceeds the delay in 1 of 10,000 cameras.
+  // Whether the delay is significant: chance exceeds it in 1 of 10,000 cameras.
   bool is_certain = false;
-  // The variance of the pose in the rig by blocks of frames, relative to that
-  // of independent residuals.
+  // The variance of the sensor pose from the scatter between blocks of frames,
+  // divided by the variance for independent residuals.
   double overdispersion = 1.0;
-  // The same by points: the observations of one may err alike in all frames.
+  // The same ratio by points: all observations of a point may err alike.
   double overdispersion_of_points = 1.0;
 
   auto Fields() const {
@@ -33,17 +33,18 @@ struct CameraDelay {
   }
 };
 
-// The error of the unit of length of a model, which a known rig or baseline
-// defines.
+// The scale error of a model whose unit of length is defined by a known rig or
+// baseline.
 struct UnitError {
-  // The logarithm of the factor by which lengths of the model are too small, if
-  // cameras may be late and known poses are as uncertain as their priors.
+  // The logarithm of the factor by which lengths of the model are too small,
+  // estimated with camera delays and with known poses as uncertain as their
+  // priors.
   double log_factor = 0.0;
   double sigma = 0.0;
-  // Chance exceeds log_factor in 1 of 10,000 models.
+  // Whether log_factor is significant: chance exceeds it in 1 of 10,000 models.
   bool is_certain = false;
 
-  // The standard deviation about the unit of the model.
+  // The standard deviation of lengths about the unit of the model.
   double RelativeSigma() const { return std::hypot(log_factor, sigma); }
 
   auto Fields() const {
@@ -52,14 +53,14 @@ struct UnitError {
   }
 };
 
-// What the residuals of an adjusted model tell of the synchronism and the
-// rigidity of its rigs; see docs/maths/soft_rig.md.
+// Synchronization and rigidity of the rigs, estimated from the residuals of an
+// adjusted model; see docs/maths/soft_rig.md.
 struct RigDelays {
-  bool is_in_seconds = false;        // otherwise in intervals of frames
-  std::vector<CameraDelay> cameras;  // those that are not references
-  // Per frame: the angular velocity of the rig, in the rig.
+  bool is_in_seconds = false;        // otherwise in frame intervals
+  std::vector<CameraDelay> cameras;  // all but the reference cameras
+  // Per frame: the angular velocity of the rig in the rig frame.
   std::vector<Eigen::Vector3d> angular_velocities;
-  // The model with these delays; without points. Frames and sensors only.
+  // The frames and sensors of the model with these delays, without points.
   Reconstruction delayed;
   std::optional<UnitError> unit;  // only if a length is known
 

@@ -115,12 +115,12 @@ struct SoftRigSensor {
   double sigma_rotation_rad = 0.0;
   double sigma_position = 0.0;
   bool is_rigid = false;  // the images show no deviation
-  // Final deviations of its images.
+  // Final deviations of the images of the sensor.
   double rms_rotation_rad = 0.0;
   double max_rotation_rad = 0.0;
   double rms_position = 0.0;
   double max_position = 0.0;
-  // Reprojection errors. There can be more observations afterwards.
+  // Reprojection errors. The number of observations may increase.
   double mean_error_before_px = 0.0;
   double mean_error_after_px = 0.0;
   size_t num_observations_before = 0;
@@ -176,7 +176,7 @@ struct SoftRigResult {
 struct SoftRigInput {
   const Scene& scene;
   const Scene& separate;  // SeparateImages(scene)
-  // Groups of keypoints for models of `separate`; if empty, the points are
+  // Groups of keypoints for models of `separate`. If empty, the points are
   // kept.
   const CandidateSource& candidates;
   const Reconstruction& initial;  // after bundle adjustment

@@ -22,8 +22,8 @@ struct TrackOptions {
   int min_tracks_per_image = 50;
   Option<int> max_tracks_per_image{
       "max_tracks_per_image", 0, AtLeast(0), "tracks",
-      "Drop a track if all its images have this many longer ones. 0 keeps all "
-      "tracks. Set it to save time and memory."};
+      "Drop a track if all its images have this many longer tracks. 0 keeps "
+      "all tracks. Set it to save time and memory."};
   // Maximum distance of two keypoints of an image that count as one feature
   // detected twice. More distant keypoints of one image in a track are a
   // conflict and split it.
@@ -56,9 +56,9 @@ struct TrackResult {
 };
 
 struct MatchSelectionOptions {
-  // Minimum ratio of the matches between two frames that agree with their
-  // poses; otherwise all of them are rejected. Increase it if structures
-  // repeat.
+  // Minimum fraction of the matches between two frames that agree with their
+  // poses; otherwise, all of them are rejected. Increase it for repeated
+  // structures.
   double min_pair_share = 0.4;
 };
 
@@ -72,9 +72,9 @@ struct MatchSelection {
 
 // Selects the matches that agree with the poses of `model`. Two keypoints agree
 // if a point in front of both cameras projects to both, with a Sampson error of
-// at most sqrt(2) max_error_px, the difference of two keypoints with errors of
-// max_error_px (geometry/epipolar.h). Cameras without baseline need rays of the
-// same direction.
+// at most sqrt(2) max_error_px, the error of a pair of keypoints with errors of
+// max_error_px each (geometry/epipolar.h). Cameras without baseline need rays
+// of the same direction.
 //
 // A few wrong matches agree by chance, and a pair of images of different places
 // may have hundreds of matches. Their short tracks pass all tests of single

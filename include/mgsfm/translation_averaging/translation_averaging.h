@@ -25,7 +25,7 @@ namespace mgsfm {
 //    of their lengths from points that two pairs see (scale_averaging.h).
 // 2. A convex L1 problem in c^g and t^r, by ADMM (position_initialization.h).
 // 3. Refinement of the angles between b_ij and c_j - c_i
-//    (angle_refinement.h).
+//    (position_rig_problem.h).
 // 4. Triangulation of the tracks, L1 (geometry/triangulation.h).
 // 5. Refinement of the angles between rays and points, over c^g, t^r and
 //    points, twice, with another triangulation in between.
@@ -33,8 +33,8 @@ namespace mgsfm {
 // Pairs whose matches agree with a rotation alone have no direction; they keep
 // their frames together, so that frames at standstill are placed.
 //
-// Gauge: the first placed frame is at the origin. Unit of length: that of the
-// known sensor offsets where the data determine it; otherwise the median
+// Gauge: the first placed frame is at the origin. Unit of length: given by the
+// known sensor translations if the data determine it; otherwise the median
 // baseline of pairs is about 1.
 //
 // Cost: linear in matches and observations, except for the scale ratios, which
@@ -86,17 +86,18 @@ struct TranslationSummary {
   int num_pairs_without_parallax = 0;
   int num_pairs_inconsistent = 0;  // no direction explains their matches
   int num_pairs_inconsistent_with_positions = 0;  // by direction or length
-  // Steps of a sequence that nearly all pairs of neighbors contradict.
+  // Relative motions of adjacent frames that nearly all pairs of neighbors
+  // contradict.
   int num_displaced_steps = 0;
-  // The number of corrections of the rotations because of such steps.
+  // The number of rotation corrections because of such motions.
   int num_rotation_corrections = 0;
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
-  int num_frames_not_placed = 0;  // though their rotations are known
+  int num_frames_not_placed = 0;  // frames with known rotation
   size_t num_points = 0;
   bool is_metric = false;  // in the unit of the known sensor offsets
 
-  // The fields that belong to no sensor.
+  // The fields that are not per sensor.
   auto Fields() const {
     return Named("initialization", initialization, "camera_refinement",
                  camera_refinement, "joint_refinement", joint_refinement,

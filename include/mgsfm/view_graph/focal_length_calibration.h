@@ -17,9 +17,9 @@ namespace mgsfm {
 // geometry of all image pairs.
 //
 // Unknowns: per camera c, the logarithm of the factor on its focal lengths, the
-// distortion of the division model if it has SIMPLE_RADIAL without distortion,
-// and its principal point (together s_c); and the essential matrix E_k of each
-// pair k. Objective:
+// distortion of the division model if its model is SIMPLE_RADIAL with zero
+// distortion, and its principal point (together s_c); and the essential matrix
+// E_k of each pair k. Objective:
 //
 //   min over s, E:  sum_k sum_i rho(e_ki^2 / v_ki) + sum_c |s_c|^2_P,
 //                   e = f2^T E_k f1
@@ -27,19 +27,19 @@ namespace mgsfm {
 // with f1, f2 the rays of a match, which depend on s; v the variance of e for
 // independent pixel errors of unit variance, so that residuals are Sampson
 // distances in pixels for every camera model; rho the Cauchy loss with a scale
-// of one pixel; P a prior of distortion and principal point, so that what they
-// leave open makes focal lengths uncertain. Principal points are only nuisance
-// parameters: the result keeps them. Cameras with a prior are fixed.
+// of one pixel; P a prior of distortion and principal point, so that their
+// uncertainty propagates to focal lengths. The result keeps the initial
+// principal points. Cameras with a prior are fixed.
 //
-// Derivatives of v by distortion and principal point are neglected; they bias
-// the estimate.
+// Derivatives of v with respect to distortion and principal point are
+// neglected, because they bias the estimate.
 //
-// Initialization: per camera the best of 15 factors from 0.4 to 2.5 and four
-// distortions, by pairs within the camera or with known cameras, with E refined
-// for each. Then Gauss-Newton in all unknowns with the E_k eliminated. It stops
-// if max |ds| < 1e-3, if five halvings of a step do not decrease the cost, or
-// after 20 steps. Pairs whose median residual exceeds three times that of the
-// median pair are dropped, and the minimization is repeated.
+// Initialization: the best of 15 factors from 0.4 to 2.5 and four distortions
+// per camera, over pairs within the camera or with known cameras, with E
+// refined for each candidate. Then Gauss-Newton over all unknowns with the E_k
+// eliminated. It stops if max |ds| < 1e-3, if five halvings of a step do not
+// decrease the cost, or after 20 steps. Pairs with a median residual above
+// three times the median of pairs are dropped; the minimization is repeated.
 //
 // Some motions do not constrain focal lengths: translation along the optical
 // axis or sideways without rotation, and a camera whose optical axis stays in a
@@ -48,8 +48,8 @@ namespace mgsfm {
 // image taken as fully dependent, and from the disagreement between pairs
 // (sandwich). If it exceeds max_sigma or the log factor leaves the range, the
 // estimate is not accepted, and `message` gives the reason. The camera still
-// starts at an estimate that is more certain than a guess, of a lens of 30 to
-// 120 degrees. The stated standard deviation adds the errors that all pairs
+// starts at this estimate if it is more certain than a guess (a lens of 30 to
+// 120 degrees). The stated standard deviation adds the errors that all pairs
 // share, as measured on recorded rigs.
 //
 // Source: Sweeney, Sattler, Hollerer, Turk, Pollefeys: Optimizing the viewing
@@ -63,9 +63,8 @@ namespace mgsfm {
 struct FocalLengthOptions {
   Option<bool> calibrate{
       "calibrate", true,
-      "Estimate focal lengths that have no prior from image pairs, before "
-      "relative poses are estimated, and then their lenses from maps of some "
-      "frames."};
+      "Estimate focal lengths without a prior from image pairs before relative "
+      "poses, and then lenses from reconstructions of some frames."};
   // Maximum relative standard deviation of an accepted estimate of a focal
   // length. Less certain ones are only a start.
   double max_sigma = 0.01;
@@ -77,8 +76,8 @@ struct FocalLengthOptions {
       "Replace SIMPLE_RADIAL, the default of feature extraction, by RADIAL for "
       "cameras without calibration whose images need a second radial "
       "parameter. 0 keeps the models of the database."};
-  // Maximum number of maps of a part of the frames before the final one. Each
-  // verifies the image pairs with the lenses of the one before.
+  // Maximum number of preliminary reconstructions from some of the frames. Each
+  // verifies image pairs with the lenses of the previous one.
   int max_num_rounds = 4;
 
   template <class Visitor>
@@ -87,9 +86,9 @@ struct FocalLengthOptions {
   }
 };
 
-// The standard deviation of the logarithm of a guess: lenses of 30 to 120
-// degrees are equally usual. A more certain estimate is a better start, though
-// it is not accepted.
+// The standard deviation of the logarithm of a guess: fields of view of 30 to
+// 120 degrees are equally likely. A more certain estimate is a better start
+// even if it is not accepted.
 constexpr double kSigmaOfFocalLengthGuess = 0.4;
 
 struct FocalLengthEstimate {
@@ -110,7 +109,7 @@ struct FocalLengthEstimate {
 };
 
 struct FocalLengthResult {
-  std::vector<Camera> cameras;  // those of the scene, at their estimates
+  std::vector<Camera> cameras;  // the scene's cameras with the estimates
   std::vector<FocalLengthEstimate> estimates;  // per camera without a prior
 };
 
@@ -118,8 +117,7 @@ struct FocalLengthResult {
     const Scene& scene, const ViewGraph& view_graph,
     const FocalLengthOptions& options, const Context& context);
 
-// The focal length of a camera as image pairs measure it, relative to that of
-// the scene.
+// A focal length measured from image pairs, relative to the value in the scene.
 struct FocalLengthMeasurement {
   int camera_idx = 0;
   double log_factor = 0.0;
@@ -127,14 +125,14 @@ struct FocalLengthMeasurement {
   int num_pairs = 0;
 };
 
-// Measures the focal lengths of all cameras, with or without a prior, to check
-// them: Gauss-Newton as above from the values of the scene. Cameras with fewer
-// than three consistent pairs are excluded.
+// Measures the focal lengths of all cameras, with or without a prior, as a
+// check: Gauss-Newton as above, starting at the values of the scene. Cameras
+// with fewer than three consistent pairs are excluded.
 [[nodiscard]] std::vector<FocalLengthMeasurement> MeasureFocalLengths(
     const Scene& scene, const ViewGraph& view_graph, int max_num_pairs,
     const Context& context);
 
-// Removes what depends on lenses that are estimated: E and the relative poses
+// Removes geometry that depends on estimated lenses: E and the relative poses
 // of pairs with a camera without prior focal length. F and H are kept.
 [[nodiscard]] ViewGraph DropUncalibratedGeometry(const Scene& scene,
                                                  const ViewGraph& view_graph);

@@ -39,7 +39,7 @@ struct ViewGraphOptions {
 };
 
 struct ViewGraphSummary {
-  int num_pairs = 0;         // of the input
+  int num_pairs = 0;         // input pairs
   int num_from_row = 0;      // kept, initialized by the input relative pose
   int num_decomposed = 0;    // kept, initialized by the input E, F or H
   int num_reestimated = 0;   // kept, initialized by RANSAC

@@ -30,7 +30,7 @@ constexpr int kMinNumCommonImages = 3;
 // some percent.
 constexpr double kMaxRelativePointError = 0.05;
 
-// The image of each name.
+// Maps names to images.
 using ImageOfName = std::map<std::string, int>;
 
 ImageOfName IndexImages(const SceneModel& model) {
@@ -84,7 +84,7 @@ Quaterniond MeanRotation(const std::vector<Quaterniond>& rotations) {
   return mean.normalized();
 }
 
-// The standard deviation of places about their mean.
+// The standard deviation of positions about their mean.
 double SigmaOf(const std::vector<Vector3d>& places, const Vector3d& mean) {
   double sum = 0.0;
   for (const Vector3d& x : places) sum += (x - mean).squaredNorm();
@@ -315,7 +315,7 @@ std::vector<GraphEdge> ToGraph(const std::vector<SubMapEdge>& edges) {
   return graph;
 }
 
-// Each sub-map in the world of the root of its tree.
+// Places each sub-map in the world of the root of its tree.
 std::vector<Sim3> PlaceByForest(size_t num_sub_maps,
                                 const std::vector<SubMapEdge>& edges,
                                 const std::vector<int>& forest) {
@@ -521,7 +521,7 @@ std::vector<Sim3> AverageSimilarities(const std::vector<SceneModel>& sub_maps,
     distances.push_back((a - b).norm());
     extent = std::max(extent, a.norm());
   }
-  // Without loops the forest is the average.
+  // Without loops, the forest is the average.
   if (num_unknown == 0 || distances.size() == forest.size()) return world_from;
   // Drift spreads over all edges of a cycle, so that all are inliers.
   const double loss_scale =

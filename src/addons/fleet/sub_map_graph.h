@@ -14,12 +14,12 @@ namespace mgsfm {
 // Relative similarities of sub-maps, and their average.
 //
 // Edges. Two sub-maps with at least three common images: the rotation is the
-// mean over these images, the translation the median of what their centers
-// need. Other two sub-maps: matches between their images pair a point of each;
-// RANSAC finds the similarity on which most of these points agree. Its inliers
-// must be at least min_num_loop_points. The scale is the ratio of the rigs'
-// sensor offsets where both have them, because they share a calibration;
-// otherwise it is that of the common centers or points.
+// mean over these images, the translation the median over their centers. Other
+// two sub-maps: matches between their images pair a point of each; RANSAC finds
+// the similarity on which most of these points agree. Its inliers must be at
+// least min_num_loop_points. The scale is the ratio of the rigs' sensor offsets
+// if both have them, because they share a calibration; otherwise, it is the
+// scale of the common centers or points.
 //
 // Trust. The maximum spanning forest, weighted by common images and then by
 // points, places the sub-maps. Another edge is a loop closure. It contradicts

@@ -52,7 +52,8 @@ std::vector<std::vector<int>> OrderOfMerging(
   return components;
 }
 
-// The points of both keypoints of a match; nullopt for those without one.
+// The points of both keypoints of a match; nullopt for keypoints without a
+// point.
 struct MatchedPoints {
   Observation observation1, observation2;
   std::optional<int> point1, point2;
@@ -83,7 +84,7 @@ void VisitMatches(const SceneModel& model, const std::vector<CrossPair>& pairs,
   }
 }
 
-// Points that matches connect, once each.
+// Pairs of points that matches connect, once each.
 std::set<std::pair<int, int>> FindEqualPoints(
     const SceneModel& model, const std::vector<CrossPair>& pairs) {
   std::set<std::pair<int, int>> equal;
@@ -161,7 +162,7 @@ int MergePointsOfMatches(const std::vector<CrossPair>& pairs,
   return num_merged;
 }
 
-// Adds keypoints without a point to the one that most matches connect them
+// Adds keypoints without a point to the point that most matches connect them
 // with, unless the point has another keypoint of that image.
 void ExtendTracks(const std::vector<CrossPair>& pairs, SceneModel* model) {
   std::map<Observation, std::map<int, int>> num_matches;
@@ -270,7 +271,8 @@ class SubMapJoiner {
     Add(std::move(model), std::move(merged));
   }
 
-  // A vector that grows holds its items twice.
+  // Reserves memory, because a growing vector temporarily holds its items
+  // twice.
   void ReservePoints(const std::vector<int>& component,
                      SceneModel* model) const {
     size_t num_points = model->reconstruction.points.size();

@@ -17,13 +17,12 @@ namespace mgsfm {
 
 struct JoinOptions {
   // Three points determine the similarity. A wrong point agrees with it by
-  // chance with a probability of about 1e-4, so that seven more do not. A loop
-  // of 29 right points halves the error of 08, stereo
-  // (docs/results/constants.md).
+  // chance with a probability of about 1e-4, so seven more do not. A loop of 29
+  // correct points halves the error of 08, stereo (docs/results/constants.md).
   Option<int> min_num_loop_points{
       "min_num_loop_points", 10, AtLeast(3), "points",
-      "Reject loop closures of which matches between two sub-maps without "
-      "common images agree on fewer points."};
+      "Reject loop closures between sub-maps without common images if their "
+      "matches agree on fewer points."};
   Option<double> max_loop_rotation_deg{
       "max_loop_rotation_deg", 10.0, Between(0.0, 180.0), "deg",
       "Reject loop closures whose rotation contradicts the chain of sub-maps "
@@ -67,8 +66,7 @@ struct JoinedMaps {
   std::vector<std::vector<int>> sub_maps;  // per model, ascending
   std::vector<SubMapEdge> edges;
   int num_loop_points = 0;  // points that matches across sub-maps merged
-  // Why a sub-map is in a model of its own although edges connect it; by
-  // sub-map.
+  // Per sub-map: why it is in a separate model although edges connect it.
   std::vector<std::string> conflicts;
 };
 

@@ -306,8 +306,8 @@ void RigMerger::CheckSensor(int sensor_idx, int common_idx) const {
   }
   throw Error("the rotation between cameras '" + b_.sensors[sensor_idx].name +
               "' and '" + b_.sensors[common_idx].name +
-              "' differs between the models by more than 5 degrees; the rig "
-              "has changed, so give the images of one model other folders");
+              "' differs between the models by more than 5 degrees; if the rig "
+              "has changed, give the images of one model other folders");
 }
 
 // Relates the sensors of a common rig to one that is posed in both models.
@@ -452,7 +452,7 @@ void ModelMerger::Align(int min_common_images) {
   TransformWorld(summary_.first_from_second, &in_b_);
 }
 
-// Leaves the first model as it was if a rig contradicts it.
+// Leaves the first model unchanged if a rig contradicts it.
 void ModelMerger::AddRigsOrNone() {
   const std::vector<Rig> rigs = a_.rigs;
   const std::vector<Sensor> sensors = a_.sensors;
@@ -471,8 +471,8 @@ void ModelMerger::AddRigsOrNone() {
   }
 }
 
-// The pose of a frame follows from its image of the reference sensor, else from
-// its first one.
+// The pose of a frame is computed from its image of the reference sensor, or
+// else from its first image.
 void ModelMerger::AddFrames() {
   FreeIds<FrameId> ids(a_.frames);
   for (size_t i = 0; i < b_.frames.size(); ++i) {

@@ -17,19 +17,19 @@ namespace mgsfm {
 //   rho(|w (v - d C)|),  d >= 1e-5,
 //
 // with C = p - c_i of points and C = c_j - c_i of pairs, c_i = c^g - R_i^T t^r.
-// Known lengths s of pairs, which angles leave open on straight motion, are
-// residuals w' (d s - 1), baselines without parallax w C. Weights, losses and
-// annealing are those of the non-bilinear refinements.
+// Known lengths s of pairs, which angles do not determine on straight motion,
+// add residuals w' (d s - 1); baselines without parallax add w C. Weights,
+// losses and annealing are as in the non-bilinear refinements.
 //
-// Unknowns: free frame centers, sensor translations, points, and all d.
-// Gauge: the first frame is constant; linear terms hold the unobservable
-// directions of sensor translations. The scale is free, steps are damped.
-// Start: d = 1 / |C|; where positions start at random, d = 1.
+// Unknowns: free frame centers, sensor translations, points, and all d. Gauge:
+// the first frame is constant; linear terms hold the unobservable directions of
+// sensor translations. The scale is free, steps are damped. Start: d = 1 / |C|;
+// d = 1 if positions start at random.
 //
 // Solver: Ceres, Levenberg-Marquardt with sparse normal equations, whatever
-// options.backend says. Stops when the relative decrease of the cost is below
-// function_tolerance. It runs on one thread: sums of Ceres depend on the number
-// of threads.
+// options.backend is. Stops when the relative decrease of the cost is below
+// function_tolerance. It runs on one thread, because sums in Ceres depend on
+// the number of threads.
 SolveSummary RefineCamerasBilinearly(const RefinementInput& input,
                                      const RefinementOptions& options,
                                      const Context& context,

@@ -30,7 +30,7 @@ MethodDefaults DefaultsOf(MapperMethod method) {
           TranslationObjective::kAuto};
 }
 
-// The step of the product is EstimatePositions().
+// The mapper uses EstimatePositions().
 bool IsProduct(const PositionBaselineOptions& positions) {
   return (positions.input == TranslationSource::kAuto ||
           positions.input == TranslationSource::kHybrid) &&

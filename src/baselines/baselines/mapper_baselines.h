@@ -46,14 +46,14 @@ struct BaselineOptions {
   }
 };
 
-// Replaces the values auto of options.positions and of
-// mapper->rotation_averaging.strategy by those of the method. Throws Error if
-// the result contradicts itself.
+// Replaces `auto` in options.positions and in
+// mapper->rotation_averaging.strategy by the values of the method. Throws Error
+// if the result is contradictory.
 BaselineOptions ResolveBaseline(const BaselineOptions& options,
                                 MapperOptions* mapper);
 
-// RunMapper() by a method. For kSingle all rigs of the scene must have one
-// sensor.
+// RunMapper() with another method. For kSingle, all rigs of the scene must have
+// one sensor.
 [[nodiscard]] MapperResult RunBaseline(const BaselineOptions& baseline,
                                        const MapperInput& input,
                                        const MapperOptions& options,

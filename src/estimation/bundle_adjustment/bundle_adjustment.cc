@@ -26,7 +26,7 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
     solver_options.reduced_solver = ReducedSolver::kIterative;
   }
   RigSolver<PixelObservation> solver(built->problem, solver_options, context);
-  // The native solver holds its own copy, in its own order.
+  // The native solver copies the problem into its own layout.
   if (options.backend == SolverBackend::kNative) {
     built->problem.observations = std::vector<PixelObservation>();
     built->problem.point_begin = std::vector<size_t>{0};

@@ -15,7 +15,7 @@
 namespace mgsfm {
 namespace {
 
-// Expresses priors in units of the noise of observations.
+// Expresses priors in units of the observation noise.
 void WeighPriors(double sigma_px, BundleProblem* problem) {
   for (RigProblemBase::ParameterPrior& prior : problem->priors) {
     prior.sigma /= sigma_px;
@@ -30,7 +30,7 @@ void WeighPriors(double sigma_px, BundleProblem* problem) {
   problem->position_loss.scale *= sigma_px;
 }
 
-// The problem of a model in units of the noise of its observations.
+// The problem of a model in units of its observation noise.
 BuiltProblem BuildWeighted(const Scene& scene,
                            const Reconstruction& reconstruction,
                            const BundleAdjustmentOptions& options,
@@ -85,8 +85,9 @@ void AddUnobservable(const std::vector<std::optional<PoseMatrix>>& poses,
   }
 }
 
-// The variance of a free parameter, given that by independent residuals and the
-// factor by which residuals depend on each other. That of its prior is exact.
+// The variance of a free parameter, from its variance for independent residuals
+// and the factor by which residuals depend on each other. The prior counts as
+// exact.
 double WithDependence(const BundleProblem& problem, int camera, int param,
                       double variance, double factor) {
   double of_prior = 0.0;

@@ -14,10 +14,10 @@ namespace mgsfm {
 namespace {
 
 // A larger factor means that the initial value or the estimate is wrong, unless
-// the initial value is a guess: bundle adjustment recovers values that are
-// wrong by up to this factor, but not beyond (docs/results/constants.md).
+// the initial value is a guess: bundle adjustment recovers from initial values
+// that are wrong by up to this factor (docs/results/constants.md).
 constexpr double kMaxChange = 2.0;
-// The focal length of a guess, in larger image sides: the default of
+// The assumed focal length, in larger image sides: the default of
 // ImageReader.default_focal_length_factor, as in COLMAP.
 constexpr double kAssumedRatio = 1.2;
 
@@ -52,7 +52,7 @@ Mask FindSeenCameras(const Scene& scene, const Reconstruction& model) {
   return is_seen;
 }
 
-// Why the parameters are implausible; empty if they are not.
+// Why the parameters are implausible; empty if they are plausible.
 std::string DescribeImplausible(const Camera& initial, const Camera& camera,
                                 const BundleAdjustmentOptions& options) {
   const CameraModelInfo& info = InfoOf(camera);
@@ -81,7 +81,7 @@ std::string DescribeImplausible(const Camera& initial, const Camera& camera,
   return "";
 }
 
-// The largest of both focal lengths.
+// The larger relative standard deviation of both focal lengths.
 double RelativeSigma(const Camera& camera, const std::vector<double>& sigmas) {
   double sigma = 0.0;
   for (const int i : InfoOf(camera).focal_length_idxs) {

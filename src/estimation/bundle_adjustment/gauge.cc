@@ -80,8 +80,8 @@ std::vector<int> CountFrameObservations(const BundleProblem& problem) {
   return counts;
 }
 
-// Whether a frame has images of two sensors that are fixed, or have priors, at
-// different centers.
+// Whether a frame has images of two sensors at different centers that are fixed
+// or have priors.
 bool ScaleIsObservable(const BundleState& state, const BundleProblem& problem) {
   Mask has_prior(problem.sensor_masks.size(), false);
   for (const SensorPrior& prior : problem.sensor_priors) {
@@ -109,7 +109,7 @@ int LargestCoordinate(const Eigen::Vector3d& v) {
 }
 
 // A frame at the 75 % quantile of the distances from `origin`: far, but robust
-// to frames that are wrongly placed far away.
+// to frames with wrong, distant positions.
 int DistantFrame(const BundleState& state, const Eigen::Vector3d& origin) {
   std::vector<std::pair<double, int>> distances;
   for (size_t i = 0; i < state.frames.size(); ++i) {
@@ -143,8 +143,8 @@ void FixScale(const BundleState& state, int fixed_frame,
 }
 
 // Gravity terms leave only the rotation about gravity free, which is not a
-// coordinate of a frame. A weak measurement of the heading fixes it instead:
-// its influence on the tilt is negligible.
+// coordinate of a frame. A weak heading prior fixes it, with negligible
+// influence on the tilt.
 void FixHeading(const BundleState& state, int frame, BundleProblem* problem) {
   const GravityPrior& level = problem->gravity_priors.front();
   for (size_t i = 0; i < problem->images.size(); ++i) {
@@ -155,7 +155,7 @@ void FixHeading(const BundleState& state, int frame, BundleProblem* problem) {
     heading.down = level.down.unitOrthogonal();
     heading.direction = state.sensors[image.sensor].rotation *
                         (state.frames[frame].rig_from_world * heading.down);
-    // 11 degrees: weak against the gravity terms.
+    // 11 degrees: weak compared with the gravity terms.
     heading.sigma_rad = 0.2;
     problem->frame_masks[frame].tail<3>().setZero();
     problem->gravity_priors.push_back(heading);

@@ -16,8 +16,8 @@
 
 namespace mgsfm {
 
-// Projects points of the world into an image. References the reconstruction it
-// was made from.
+// Projects world points into an image. Refers to the reconstruction from which
+// it was made.
 struct ImageView {
   bool is_registered = false;
   Eigen::Matrix3d cam_from_world = Eigen::Matrix3d::Identity();
@@ -44,7 +44,7 @@ std::vector<ImageView> MakeImageViews(const Scene& scene,
 // Selection of points and observations. No function changes a pose or moves a
 // point. Observations in images without a pose are always removed.
 
-// A lower bound of the noise of keypoints. Keypoint detectors do not localize
+// A lower bound on the keypoint noise. Keypoint detectors do not localize
 // better, and the noise of exact (synthetic) keypoints must not become zero.
 constexpr double kMinKeypointSigmaPx = 0.05;
 
@@ -61,9 +61,9 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
 double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
                     int num_threads);
 
-// The same from the sums of squared errors of points. That of a point with n
-// observations is sigma^2 times a chi-square variable with 2n - 3 degrees of
-// freedom; sigma^2 is the median of all sums, each divided by the median of its
+// The same from the sums of squared errors of points. For n observations, the
+// sum is sigma^2 times a chi-square variable with 2n - 3 degrees of freedom;
+// sigma^2 is the median of all sums, each divided by the median of its
 // distribution. NoiseSigmaPx() is up to 20 % smaller, because the residuals of
 // a point in two images have one dimension instead of four.
 double UnbiasedNoiseSigmaPx(const Scene& scene,
@@ -72,7 +72,7 @@ double UnbiasedNoiseSigmaPx(const Scene& scene,
 
 struct PointFilterOptions {
   double max_error_px = 4.0;
-  // Bound on the root mean square error of a point.
+  // Bound on the root mean square reprojection error of a point.
   double max_rms_error_px = std::numeric_limits<double>::infinity();
   int min_num_observations = 2;
   double min_angle_rad = 0.0;  // largest angle between any two rays
@@ -80,8 +80,8 @@ struct PointFilterOptions {
   double min_group_share = 0.0;  // only for retriangulation
   // Distances from the nearest camera that observes the point.
   double max_distance = std::numeric_limits<double>::infinity();
-  // The same for points that no frame observes with two images, in sensors that
-  // see most distant points together with another.
+  // The same for points that only one image per frame observes, in sensors that
+  // share most distant points with another sensor.
   double max_distance_of_one_image = std::numeric_limits<double>::infinity();
   Mask sensor_measures_distances = {};  // per sensor; empty: none does
   double min_two_view_distance = 0.0;
@@ -97,26 +97,26 @@ bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
 bool IsSeenTwice(const Scene& scene, const std::vector<Observation>& track);
 
 // Whether a point at this distance from the nearest center is admissible by
-// max_distance_of_one_image. To one camera, a vehicle that keeps its distance
-// is a point far away.
+// max_distance_of_one_image. To a single camera, a vehicle at a constant
+// distance looks like a distant point.
 bool IsDistanceMeasured(const Scene& scene,
                         const std::vector<Observation>& track, double distance,
                         const PointFilterOptions& options);
 
-// Per sensor: frames observe most of its points beyond a distance with two
-// images. `distances` are those of PointDistances().
+// Per sensor: whether frames observe most of its points beyond a distance with
+// two images. `distances` comes from PointDistances().
 Mask FindSensorsThatMeasure(const Scene& scene,
                             const Reconstruction& reconstruction,
                             const std::vector<double>& distances,
                             double min_distance);
 
-// Whether n observations of a point, with this sum of squared errors, agree
-// with max_rms_error_px.
+// Whether n observations of a point with this sum of squared errors satisfy
+// max_rms_error_px.
 bool IsPrecise(double sum_of_squares_px2, size_t num_observations,
                const PointFilterOptions& options);
 
 // Removes observations with too large errors, then points with too few
-// observations, too large errors as a whole, or that are not well placed.
+// observations, with too large errors overall, or that are not well placed.
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction);
 
@@ -129,7 +129,7 @@ std::vector<double> PointDistances(const Scene& scene,
                                    const Reconstruction& reconstruction,
                                    int num_threads);
 
-// Their median; infinite without points.
+// The median of these distances; infinite without points.
 double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
                       int num_threads);
 
@@ -142,16 +142,16 @@ void ComputePointErrors(const Scene& scene, int num_threads,
 // A match of an observation of point X with a keypoint x of another registered
 // image contradicts X if |project(X) - x| > max_error_px there. With c such
 // matches, the n observations of a point agree in n (n - 1) ordered pairs, and
-// the share of its matches that agree is
+// the fraction of its matches that agree is
 //
 //   n (n - 1) / (n (n - 1) + c).
 //
 // A feature of a vehicle that moves along with the rig is matched in many
-// images. Two or three of them agree with a static point, by chance or because
-// a frame that few tracks hold is bent towards them; all others contradict it.
-// The residuals of the point are as small as those of right ones, so that no
-// loss tells them apart. Wrong matches of right points are independent of each
-// other, and longer tracks outweigh more of them.
+// images. Two or three images agree with a static point, by chance or because
+// they bend a weakly constrained frame; all others contradict it. Such points
+// have small residuals, so no loss identifies them. Wrong matches of correct
+// points are independent of each other, and longer tracks outweigh more of
+// them.
 //
 // Cost: one pass over all matches.
 void RemoveContradictedPoints(const Scene& scene, const ViewGraph& matches,

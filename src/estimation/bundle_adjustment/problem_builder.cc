@@ -124,8 +124,8 @@ void AddSensor(const ProblemInput& input, int sensor_idx, BuiltProblem* built) {
   problem.sensor_priors.push_back(*refined.prior);
 }
 
-// The standard deviations that the calibration gives the parameters of a
-// camera; empty if it has none.
+// The standard deviations of the parameters of a camera in the calibration;
+// empty if it has none.
 std::vector<double> KnownSigmas(const CalibrationPrior& calibration,
                                 int camera_idx) {
   return calibration.intrinsic_sigmas.empty()
@@ -270,7 +270,7 @@ RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
   refined.mask.setOnes();
   if (!sensor.sensor_from_rig) return refined;
   const double length = LargestPriorTranslation(scene, sensor.rig_idx);
-  // All prior sensors share one center; keep it, since it gives no length.
+  // All prior sensors share one center. Keep it: it determines no length.
   if (length == 0.0) refined.mask.tail<3>().setZero();
   refined.prior = SensorPrior{
       sensor_idx, *sensor.sensor_from_rig,

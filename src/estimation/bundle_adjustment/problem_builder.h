@@ -35,8 +35,8 @@ class DenseNumbering {
   std::vector<std::optional<int>> number_;
 };
 
-// The bundle adjustment problem of a reconstruction, with the indices that its
-// solution is written back to.
+// The bundle adjustment problem of a reconstruction, with the indices to write
+// its solution back.
 struct BuiltProblem {
   BundleProblem problem;
   BundleState state;

@@ -17,10 +17,11 @@ namespace mgsfm {
 namespace {
 
 // All solves but the last prepare a triangulation, which needs less accuracy:
-// by default, they end when the cost changes by less than 1e-4 of it.
+// by default, they stop at a relative cost change of 1e-4.
 constexpr double kRoughToleranceFactor = 100.0;
-// The bound of gross outliers in multiples of max_max_error_px: the largest of
-// the first of three rounds, which the noise of initial poses can exceed.
+// The bound of gross outliers in multiples of max_max_error_px: the largest
+// bound of the first of three rounds, which the errors of initial poses can
+// exceed.
 constexpr double kGrossErrorFactor = 4.0;
 
 struct RefinementInput {
@@ -32,8 +33,8 @@ struct RefinementInput {
   const RefinementConditions& conditions;
 };
 
-// Counts the iterations of all solves, supposing that those to come take as
-// many as this one. The summary must outlive the context.
+// Counts the iterations of all solves, assuming that later solves take as many
+// as this one. The summary must outlive the context.
 Context ContextOfSolve(const RefinementInput& input,
                        const BundleSummary& summary) {
   Context context = input.context;
@@ -99,7 +100,7 @@ PointFilterOptions FilterOf(const RefinementInput& input,
                             const Reconstruction& estimate) {
   PointFilterOptions filter = MakeFilterOptions(
       input.scene, estimate, input.options, round.max_error_px, input.context);
-  // Earlier, errors of points tell those of the poses.
+  // In earlier rounds, point errors are due to inaccurate poses.
   if (num_rounds_left == 0) {
     filter.max_rms_error_px = MaxRmsErrorPx(input.options, round.sigma_px);
   }
@@ -128,7 +129,7 @@ void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
                 *input.candidates.groups(result->estimate, round.max_error_px),
                 FilterOf(input, round, num_rounds_left, result->estimate),
                 input.context.num_threads, &result->estimate);
-  // Earlier, poses are too inexact for evidence against points.
+  // In earlier rounds, poses are too inaccurate to contradict points.
   if (num_rounds_left == 0 && input.candidates.matches != nullptr) {
     RemoveContradictedPoints(input.scene, *input.candidates.matches,
                              round.max_error_px, input.options.min_match_share,
@@ -145,7 +146,7 @@ void FilterFinalPoints(const RefinementInput& input, BundleResult* result) {
   FinishRound(round, input.context, result);
 }
 
-// Which frames have points, and which share them.
+// Which frames observe points, and which frames share points.
 struct FrameSupport {
   Mask is_observed;
   Mask is_connected;  // shares a point with another frame
@@ -170,8 +171,8 @@ FrameSupport FindSupport(const Scene& scene, const Reconstruction& estimate) {
   return support;
 }
 
-// Drops frames that share no point with another one: what several cameras of a
-// rig see together does not tell where the rig is. If no frame shares a point,
+// Drops frames that share no point with another frame: points seen by several
+// cameras of one frame do not constrain its pose. If no frame shares a point,
 // drops only frames without points.
 void DropFramesWithoutSupport(const RefinementInput& input,
                               BundleResult* result) {

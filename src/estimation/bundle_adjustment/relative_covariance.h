@@ -16,16 +16,15 @@ namespace mgsfm {
 // Covariances of the poses of frames relative to others, from the noise of the
 // keypoints around them.
 //
-// Objective: that of bundle_adjustment.h without priors, at the model. The
+// Objective: the one in bundle_adjustment.h without priors, at the model. The
 // covariance is sigma^2 (J^T W J)^-1 with the weights W of its robust loss. The
-// noise sigma is that of the points below.
-// Unknowns: the poses of both frames and of the 40 frames that share most
-// points with each, and the points that at least two of them observe.
-// Sensors and intrinsics are constant, because all frames of the model
-// determine them. Observations in other frames are ignored.
-// Gauge: that of bundle_adjustment.h. The relative pose does not depend on the
-// fixed frame. If no two sensors determine the scale, it is that of one
-// coordinate of a frame nearby.
+// noise sigma is estimated from the points below. Unknowns: the poses of both
+// frames and of the 40 frames that share most points with each of them, and the
+// points that at least two of them observe. Sensors and intrinsics are
+// constant, because all frames of the model determine them. Observations in
+// other frames are ignored. Gauge: as in bundle_adjustment.h. The relative pose
+// does not depend on the fixed frame. If no two sensors determine the scale,
+// one coordinate of a nearby frame fixes it.
 //
 // With rotations R and centers c, the coordinates of the pose of the second
 // frame in the first are those of R_2 R_1^T <- Exp(w) R_2 R_1^T and

@@ -12,9 +12,9 @@ namespace mgsfm {
 namespace {
 
 constexpr int kNumCells = 4;  // along the larger image side
-// The errors of a lens, in larger image sides: with it, focal lengths of
-// recorded rigs are off by their standard deviation in the root mean square
-// (docs/results/constants.md).
+// The errors of a lens model, in larger image sides. With this value, focal
+// length errors of recorded rigs have a root mean square of one standard
+// deviation (docs/results/constants.md).
 constexpr double kLensError = 4e-4;
 
 struct ResidualField {

@@ -15,7 +15,7 @@ namespace mgsfm {
 // Errors of the lens model, delays and rolling shutters move all observations
 // in a part of an image alike. Such residuals bias intrinsics, which
 // independent noise would average out. Points, poses and the other intrinsics
-// follow such errors, so that only a part of them is left in the residuals.
+// absorb such errors, so that only part of them remains in the residuals.
 struct Overdispersion {
   double of_residuals = 1.0;  // at least 1
   double of_lens = 0.0;
@@ -26,12 +26,12 @@ struct Overdispersion {
 //
 //   sum over cells |sum over o in cell w_o r_o|^2 / sum over o |w_o r_o|^2,
 //
-// and due to independent errors of the lens in each cell of the usual size a,
+// and due to independent lens errors of the usual size a in each cell,
 //
 //   a^2 sum over cells (sum over o in cell w_o)^2 / sum over o |w_o r_o|^2,
 //
-// with cells of a quarter of the larger image side, as intrinsics change the
-// image no faster, and w_o the weight of the Cauchy loss of this scale.
+// with cells of a quarter of the larger image side, because intrinsics change
+// the image no faster, and w_o the weight of the Cauchy loss of this scale.
 std::vector<Overdispersion> OverdispersionOfCameras(const Scene& scene,
                                                     const Reconstruction& model,
                                                     double loss_scale_px);
@@ -42,14 +42,14 @@ struct IntrinsicSigmas {
   std::vector<std::vector<double>> total;  // with the errors of lenses
 };
 
-// ComputeIntrinsicSigmas() of uncertainty.h with both.
+// Computes the ComputeIntrinsicSigmas() of uncertainty.h with both factors.
 std::optional<IntrinsicSigmas> ComputeAllIntrinsicSigmas(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
     const BundlePriors& priors = {});
 
-// Makes the standard deviations of focal lengths total. `model` is adjusted
-// with these options and priors.
+// Adds lens errors to the standard deviations of focal lengths. `model` is
+// adjusted with these options and priors.
 void AddLensErrors(const Scene& scene, const Reconstruction& model,
                    const BundleAdjustmentOptions& options,
                    const Context& context, const BundlePriors& priors,

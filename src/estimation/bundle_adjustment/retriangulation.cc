@@ -85,8 +85,8 @@ Hypothesis FindInliers(const Candidates& candidates, double max_error_px,
   return hypothesis;
 }
 
-// The Gauss-Newton step of the point for the reprojection errors of its
-// inliers; nullopt if it is not defined.
+// The Gauss-Newton step of the point on the reprojection errors of its inliers;
+// nullopt if undefined.
 std::optional<Eigen::Vector3d> GaussNewtonStep(const Candidates& candidates,
                                                const Hypothesis& hypothesis) {
   Eigen::Matrix3d lhs = Eigen::Matrix3d::Zero();
@@ -225,11 +225,12 @@ std::vector<Point3D> TriangulateGroup(
   return points;
 }
 
-// Marks keypoints and points without a group. It is not std::optional, to save
-// memory; GroupByKey() ignores negative keys.
+// Marks keypoints and points without a group. An int instead of std::optional
+// saves memory; GroupByKey() ignores negative keys.
 constexpr int kNoGroup = -1;
 
-// The group of the first observation of each point that is in one, or kNoGroup.
+// Per point, the group of its first observation that is in a group, or
+// kNoGroup.
 std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
                             const std::vector<Point3D>& points) {
   std::vector<size_t> first_of_image = {0};
@@ -256,7 +257,7 @@ std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
   return group_of_point;
 }
 
-// Bounds the memory of points that do not have their final place yet.
+// Bounds the memory of points that are not yet in the model.
 constexpr size_t kGroupsAtATime = 4096;
 
 std::vector<Eigen::Vector3d> PointsOfGroup(
@@ -284,7 +285,7 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
   const IndexGroups points_of_group = GroupByKey(group_of_point, groups.size());
 
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
-  // Only the positions stay, so that a model is not in memory twice.
+  // Keeps only positions, so that a model is not in memory twice.
   std::vector<Eigen::Vector3d> old_points;
   old_points.reserve(reconstruction->points.size());
   std::vector<Point3D> kept;

@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// Triangulates the points again from groups of keypoints, with the present
+// Triangulates the points again from groups of keypoints, with the current
 // poses. A group can contain keypoints of several points. Repeatedly, the best
 // hypothesis becomes a point with at most one observation per image (the one
 // with the smallest error), and the search continues in the remaining
@@ -21,8 +21,8 @@ namespace mgsfm {
 //
 // Points without an observation in a group are kept and filtered, so no
 // keypoint belongs to two points. Groups are processed independently and in
-// parallel; the new points are in their order. Poses and intrinsics do not
-// change.
+// parallel; the new points are in the order of the groups. Poses and intrinsics
+// do not change.
 void Retriangulate(const Scene& scene, const ObservationGroups& groups,
                    const PointFilterOptions& options, int num_threads,
                    Reconstruction* reconstruction);

@@ -7,11 +7,11 @@
 
 namespace mgsfm {
 
-// RefineReconstruction() for the tracks of the points of a model, in little
-// memory. It solves iteratively for a selection of the tracks, with at most so
-// many observations: the longest ones that cover all images about equally. All
+// RefineReconstruction() on the tracks of a model, with little memory. It
+// solves iteratively for a selection of the tracks with a limited number of
+// observations: the longest ones that cover all images about equally. All
 // tracks are then triangulated with the resulting poses and intrinsics. Memory:
-// that of the solves for the selection, and the model twice.
+// the solves for the selection, and the model twice.
 [[nodiscard]] BundleResult RefineBySelectedTracks(
     const Scene& scene, Reconstruction initial,
     const BundleAdjustmentOptions& options, size_t max_num_observations,

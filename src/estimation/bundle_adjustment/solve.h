@@ -17,21 +17,21 @@ bool SolveOnce(const Scene& scene, const RefinementConditions& conditions,
                const BundleAdjustmentOptions& options, RefinedParts parts,
                const Context& context, BundleResult* result);
 
-// The filter of the options for this bound on reprojection errors.
+// The point filter for this bound on reprojection errors.
 PointFilterOptions MakeFilterOptions(const Scene& scene,
                                      const Reconstruction& estimate,
                                      const BundleAdjustmentOptions& options,
                                      double max_error_px,
                                      const Context& context);
 
-// The bound on reprojection errors of inliers; it doubles for each round left.
+// The bound on inlier reprojection errors; it doubles with each round left.
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                   int num_rounds_left);
 
-// The bound on the root mean square of the reprojection errors of a point.
+// The bound on the root mean square reprojection error of a point.
 double MaxRmsErrorPx(const BundleAdjustmentOptions& options, double sigma_px);
 
-// The scale of the loss for this noise of keypoints.
+// The scale of the loss at this keypoint noise.
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px);
 
 // Lists weak frames and sensors without observations.

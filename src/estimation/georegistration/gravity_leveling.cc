@@ -21,7 +21,8 @@ double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
   return std::max(prior_sigma, RobustSigma<2>(std::move(angles)));
 }
 
-// The errors of measured gravity if `down` is its direction in the world.
+// The errors of measured gravity if `down` is the direction of gravity in the
+// world.
 GravitySummary EvaluateInWorld(const Scene& scene, const GravityPriors& gravity,
                                const Vector3d& down, double sigma_deg,
                                const Reconstruction& model) {

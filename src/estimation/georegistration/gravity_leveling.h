@@ -13,13 +13,13 @@
 namespace mgsfm {
 
 // The direction of gravity in the world of a model: the robust mean of the
-// directions measured in its images. nullopt if there are none.
+// directions measured in its images. nullopt without measurements.
 std::optional<Eigen::Vector3d> GravityInWorld(const Scene& scene,
                                               const GravityPriors& gravity,
                                               const Reconstruction& model);
 
 // GravityInWorld with the standard deviation of the measurements: sigma_deg, or
-// the robust estimate from the model if that is larger.
+// the robust estimate from the model if larger.
 struct GravityEstimate {
   Eigen::Vector3d down_in_world = Eigen::Vector3d::UnitY();
   double sigma_rad = 1.0;
@@ -30,13 +30,13 @@ std::optional<GravityEstimate> EstimateGravity(const Scene& scene,
                                                const Reconstruction& model);
 
 // Rotates a model such that gravity is along +y, unless its world is fixed, and
-// summarizes the agreement of the measurements. nullopt if there are none.
+// summarizes the agreement of the measurements. nullopt without measurements.
 std::optional<GravitySummary> LevelModel(const Scene& scene,
                                          const GravityPriors& gravity,
                                          bool world_is_fixed, double sigma_deg,
                                          Reconstruction* model);
 
-// The angles between measured gravity and +y of the world of these rotations.
+// The angles between measured gravity and +y in the world of these rotations.
 // Images without a rotation are ignored.
 [[nodiscard]] GravitySummary EvaluateGravity(
     const GravityPriors& gravity,

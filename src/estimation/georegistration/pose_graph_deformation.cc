@@ -33,10 +33,10 @@ constexpr double kMaxDistance = 3.0;
 // Stiffness of the edges, from stiff to soft, in steps of 4.
 constexpr double kSigmas[] = {DegToRad(0.01), DegToRad(0.04), DegToRad(0.16),
                               DegToRad(0.64)};
-// Regularizes what neither edges nor positions determine.
+// Regularizes coordinates that neither edges nor positions determine.
 constexpr double kDamping = 1e-9;
 
-// A frame with the similarity that it applies to its surroundings.
+// A frame and the similarity that it applies to its surroundings.
 struct Node {
   int frame_idx = 0;
   Vector3d old_center;
@@ -162,7 +162,7 @@ std::vector<int> ListInliers(const PoseGraph& graph) {
 }
 
 // The normal equations of one Gauss-Newton step. All matrices of a graph have
-// the same pattern, so the symbolic factorization is made once.
+// the same pattern, so one symbolic factorization suffices.
 class GaussNewtonEquations {
  public:
   GaussNewtonEquations(int num_unknowns_per_node, int num_threads)
@@ -174,9 +174,9 @@ class GaussNewtonEquations {
                       static_cast<Eigen::Index>(num_nodes));
   }
 
-  // Adds a residual of the first num_nodes of two nodes; its Jacobian has 7
-  // columns per node: center, rotation (Q <- Exp(w) Q), log of scale. Keeps
-  // zeros, so that the pattern does not change.
+  // Adds a residual that depends on the first num_nodes of two nodes; its
+  // Jacobian has 7 columns per node: center, rotation (Q <- Exp(w) Q), log of
+  // scale. Keeps zeros, so that the pattern does not change.
   template <int kRows>
   void AddTerm(const std::array<int, 2>& nodes, int num_nodes,
                const Eigen::Matrix<double, kRows, 14>& jacobian,
@@ -265,8 +265,8 @@ void AddEdgeTerms(const PoseGraph& graph, double sigma,
 
 void AddPositionTerms(const PoseGraph& graph, GaussNewtonEquations* equations) {
   // 2.8 is the 95 % quantile of the norm of a standard normal 3-vector. The
-  // scale grows with the median, so that a segment that drifted does not count
-  // as outliers.
+  // scale grows with the median, so that a segment that has drifted does not
+  // count as outliers.
   const RobustLoss loss = {RobustLossType::kCauchy,
                            std::max(2.8, 2.0 * DistanceQuantile(graph, 0.5))};
   for (const PositionTerm& term : graph.positions) {
@@ -322,8 +322,8 @@ bool Deform(bool scale_drifts, const Context& context, PoseGraph* graph) {
       const std::optional<double> displacement =
           TakeStep(sigma, num_unknowns_per_node, &equations, graph);
       if (!displacement) return false;
-      // The displacement is in standard deviations of positions. This criterion
-      // usually ends the loop.
+      // This criterion usually ends the loop. The displacement is in standard
+      // deviations of positions.
       if (*displacement <= 1e-3) break;
     }
     distance = DistanceQuantile(*graph, kQuantile);
@@ -368,7 +368,7 @@ ModelDeformation Summarize(const PoseGraph& graph) {
   return deformation;
 }
 
-// The lengths of a rig that sees the scene with several centers do not drift.
+// Scale does not drift in a rig that sees the scene from several centers.
 bool ScaleDrifts(const Reconstruction& model, bool is_metric) {
   return !is_metric &&
          std::all_of(model.sensor_from_rig.begin(), model.sensor_from_rig.end(),

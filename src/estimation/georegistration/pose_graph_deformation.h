@@ -32,24 +32,24 @@ namespace mgsfm {
 // - s = 0 if the model is metric or a rig has cameras at different centers,
 //   because then scale does not drift.
 // - rho is Cauchy with scale max(2.8, 2 medians) of the distances in standard
-//   deviations, updated in each step. A fixed scale would treat a stretch that
-//   drifted as outliers.
+//   deviations, updated in each step. A fixed scale would treat a segment that
+//   has drifted as outliers.
 // - sigma, the drift of an edge in radians, goes through 0.01, 0.04, 0.16 and
 //   0.64 degrees, so the result is as stiff as the positions allow.
 //
-// Gauge: the positions determine it, otherwise a damping of 1e-9.
+// Gauge: determined by the positions, otherwise by a damping of 1e-9.
 //
-// Stopping criteria. A model stays unchanged, to the bit, if the 75 % quantile
-// of the distances is at most 3 standard deviations. Otherwise sigma grows
-// until that holds and the last increase has not brought more positions within
-// max(4, 3 medians). At most 8 Gauss-Newton steps per sigma; they end when no
-// frame moves by more than 1e-3 standard deviations.
+// Stopping criteria. A model stays bitwise unchanged if the 75 % quantile of
+// the distances is at most 3 standard deviations. Otherwise, sigma grows until
+// this holds and the last increase has not brought more positions within max(4,
+// 3 medians). At most 8 Gauss-Newton steps per sigma; they end when no frame
+// moves by more than 1e-3 standard deviations.
 //
 // Cost of a step: one sparse Cholesky factorization of 7 unknowns per frame.
 //
-// Points move by the mean over the frames that observe them. The positions that
-// are within max(4, 3 medians) in the end are added to `used`. Returns nullopt,
-// and changes nothing, if no deformation is needed or none improves the model.
+// Points move by the mean over the frames that observe them. Positions finally
+// within max(4, 3 medians) are added to `used`. Returns nullopt and changes
+// nothing if no deformation is needed or none improves the model.
 struct DeformationInput {
   const Scene& scene;
   const ViewGraph& view_graph;

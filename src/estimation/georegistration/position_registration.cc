@@ -20,11 +20,11 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Distance of outliers in standard deviations. Normal noise in three dimensions
-// exceeds 4 with probability 1.1e-3.
+// The distance beyond which positions are outliers, in standard deviations.
+// Normal noise in three dimensions exceeds 4 with probability 1.1e-3.
 constexpr double kOutlierInSigmas = 4.0;
-// Standard deviation of the upward direction: cameras held roughly upright, and
-// measured gravity.
+// Standard deviation of the upward direction if cameras are held roughly
+// upright, and of measured gravity.
 constexpr double kUprightSigmaRad = DegToRad(10.0);
 constexpr double kGravitySigmaRad = DegToRad(1.0);
 
@@ -126,7 +126,7 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
     const double scale =
         (fit.rotation.toRotationMatrix().transpose() * m.cross).trace() /
         m.variance;
-    // Contradictory positions can ask for a reflection.
+    // Contradictory positions can favor a reflection.
     if (!(scale > 0.0)) break;
     fit.scale = scale;
   }
@@ -134,14 +134,13 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
   return fit;
 }
 
-// The cost that the best of all fits minimizes.
+// The cost that selects the best of all fits.
 double CostOf(const FitProblem& problem, const Sim3& fit) {
   std::vector<double> residuals = ResidualsOf(problem, fit);
   if (problem.outlier_rule == OutlierRule::kLeastMedian) {
     return Median(std::move(residuals));
   }
-  // The cost of MSAC: the number of outliers and the squared errors of the
-  // others.
+  // The MSAC cost: the number of outliers plus the squared errors of inliers.
   double cost = 0.0;
   for (const double r : residuals) {
     cost += std::min(1.0, r * r / (kOutlierInSigmas * kOutlierInSigmas));
@@ -171,7 +170,7 @@ RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
     best = fit;
   }
   RobustFit result{best, InliersOf(problem, best)};
-  // Usually, the loop ends when the images that agree do not change.
+  // Usually, the loop ends when the inliers do not change.
   for (int i = 0; i < 10; ++i) {
     if (result.is_inlier.Count() < 3) break;
     result.world_from_model = FitSimilarity(problem, result.is_inlier);
@@ -182,7 +181,7 @@ RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
   return result;
 }
 
-// Standard deviation of the rotation about the path from positions alone.
+// Standard deviation of the rotation about the path due to positions alone.
 double RotationSigma(const std::vector<Sample>& samples, const RobustFit& fit) {
   Vector3d mean = Vector3d::Zero();
   double weight = 0.0;
@@ -283,8 +282,7 @@ PositionRegistration RegisterToPriors(const Scene& scene,
         "registered to them.";
     return result;
   }
-  // Twice the median distance of 1.54 standard deviations that normal noise in
-  // three dimensions has.
+  // Twice the median distance of 3D normal noise, 1.54 standard deviations.
   if (RelativeExtent(samples) < 3.0) {
     summary.message =
         "The extent of the positions is within their errors; the model is not "
@@ -298,7 +296,7 @@ PositionRegistration RegisterToPriors(const Scene& scene,
   const RobustFit fit = FitRobustly(problem, options.random_seed);
   TransformWorld(fit.world_from_model, reconstruction);
   summary.is_registered = true;
-  // A rotation about the path with a larger standard deviation is reported.
+  // Larger standard deviations of the rotation about the path are reported.
   if (RotationSigma(problem.samples, fit) > DegToRad(5.0)) {
     summary.message = DescribeRotation(is_on_earth, options.up.has_value());
   }

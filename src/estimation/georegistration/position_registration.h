@@ -17,17 +17,18 @@ namespace mgsfm {
 //   min sum_i |s R c_i + t - g_i|^2 / sigma_i^2 + |R d - z|^2 / sigma_up^2
 //
 // over images with a center c_i in the model and a position g_i. sigma_i^2 is a
-// third of the trace of its covariance. s is 1 if the model is metric.
+// third of the trace of the covariance of g_i. s is 1 if the model is metric.
 //
 // The last term matters only if the positions are collinear. z is up. d is the
 // upward direction of measured gravity (sigma_up 1 degree), or the mean upward
 // axis of the reference cameras (sigma_up 10 degrees). The term applies only if
-// the world has an origin on the earth; otherwise the rotation is arbitrary.
+// the world has an origin on the earth; otherwise, the rotation about the line
+// is arbitrary.
 //
-// Method: the best of 500 fits to three images, then fits to all images within
-// a bound of |residual| / sigma, at most 10 or until this set does not change.
-// The others are outliers. OutlierRule defines the best fit and the bound.
-// O(images) per fit.
+// Method: the best of 500 fits to three images, then at most 10 fits to all
+// images whose |residual| / sigma is within a bound, until this set does not
+// change. All other images are outliers. OutlierRule defines the best fit and
+// the bound. O(images) per fit.
 //
 // The model stays unchanged, and the message says why, if fewer than three
 // images have positions or if the extent of the positions is less than 3
@@ -36,7 +37,8 @@ enum class OutlierRule {
   // Least median; the bound is max(4, 3 medians). Up to 50 % outliers.
   kLeastMedian,
   // Most images within the bound 4 (RANSAC). Three of four images may be
-  // outliers: 500 samples miss the other quarter with probability 4e-4.
+  // outliers: the probability that none of 500 samples is free of outliers is
+  // 4e-4.
   kFixedBound,
   // No outliers: the least-squares fit to all images.
   kNone,
@@ -57,12 +59,12 @@ PositionRegistration RegisterToPriors(const Scene& scene,
                                       const RegistrationOptions& options,
                                       Reconstruction* reconstruction);
 
-// The distance in standard deviations beyond which positions are outliers, from
-// the median of all distances.
+// The distance, in standard deviations, beyond which positions are outliers;
+// derived from the median distance.
 double OutlierBound(double median_distance);
 
-// Adds the distances of the final model from the positions, and the outliers,
-// to the summary.
+// Adds the distances between final model and positions, and the outliers, to
+// the summary.
 void EvaluatePositions(const Scene& scene, const PositionPriors& priors,
                        const PositionPriors& used,
                        const Reconstruction& reconstruction,

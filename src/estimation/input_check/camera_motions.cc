@@ -22,21 +22,21 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 // Bounds the cost, which grows with the number of lags. With twice as many, a
-// camera of another vehicle can pass for one that lags
+// camera of another vehicle can pass for a lagging one
 // (docs/results/constants.md).
 constexpr int kMaxLag = 5;
 // Frames of a motion: the smallest gap with several cycles of three frames.
-// With 2, a lag of EuRoC is not noticed (docs/results/constants.md).
+// With 2, a lag in EuRoC is missed (docs/results/constants.md).
 constexpr int kMaxGap = 3;
-// Bounds the cost. The largest motions are the most informative.
+// Bounds the cost; the largest motions are the most informative.
 constexpr size_t kMaxNumMotions = 400;
 // Four times the three unknowns of a rotation.
 constexpr int kMinNumMotions = 12;
-// On sound drives the best lag is 0, so that the ratio is 1; a lag of one frame
+// On correct drives, the best lag is 0, so the ratio is 1; a lag of one frame
 // raises the error 2.9 times or more (docs/results/constants.md).
 constexpr double kMinErrorRatio = 1.5;
-// Errors of sound cameras reach 0.44 of the motion, at 2.1 standard deviations;
-// those of a foreign one are at least 0.79, at 65
+// Errors of correct cameras reach 0.44 of the motion, at 2.1 standard
+// deviations; errors of a foreign camera are at least 0.79, at 65
 // (docs/results/input_check.md).
 constexpr double kMaxForeignShare = 0.5;
 // Cosine of 37 degrees, the largest tilt of a camera that counts as upright.
@@ -87,7 +87,8 @@ struct CheckedMotions {
   double noise_rad = 0.0;  // standard deviation of the rotations per axis
 };
 
-// Keeps the motions that close a cycle of three frames: wrong pairs turn most.
+// Keeps the motions that close a cycle of three frames, which removes most
+// wrong pairs.
 CheckedMotions CheckCycles(const Motions& motions) {
   std::vector<double> errors;
   std::map<std::pair<int, int>, double> least_error;
@@ -130,8 +131,8 @@ std::vector<std::pair<int, int>> SelectMotions(const Motions& motions) {
   return keys;
 }
 
-// The mean without the largest tenth: motions across a knock of the rig are no
-// sign of a foreign camera.
+// The mean without the largest tenth: motions across an impact on the rig do
+// not indicate a foreign camera.
 double TrimmedMean(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   values.resize(values.size() - values.size() / 10);
@@ -192,7 +193,7 @@ double ShareBetter(const LagFit& fit, const LagFit& reference) {
   return num_common > 0 ? static_cast<double>(num_better) / num_common : 0.0;
 }
 
-// Whether turns about the vertical axis of upright cameras have opposite sense.
+// Whether upright cameras turn about the vertical axis in opposite directions.
 bool TurnsOpposite(const LagFit& fit, const Motions& a) {
   Vector3d axis_a = Vector3d::Zero(), axis_b = Vector3d::Zero();
   double sum = 0.0;
@@ -211,7 +212,7 @@ bool IsCertain(const LagFit& fit) {
   return fit.rotation.uncertainty_rad <= kSameRotationRad;
 }
 
-// Whether the translations are opposite to those that the rotations imply.
+// Whether the translations oppose those that the rotations imply.
 bool MovesOpposite(const LagFit& fit, const Motions& a, const Motions& b,
                    int lag) {
   if (!IsCertain(fit)) return false;
@@ -266,14 +267,15 @@ std::optional<MotionAgreement> Compare(
 }
 
 bool IsLagging(const MotionAgreement& m) {
-  // Without a lag, each motion is better at either lag with equal probability.
+  // Without a lag, each motion fits better at either lag with equal
+  // probability.
   const double share_in_sigmas =
       2.0 * (m.share_better - 0.5) * std::sqrt(m.num_motions);
   return m.best_lag != 0 && share_in_sigmas > kRareErrorInSigmas &&
          m.error_rad > kMinErrorRatio * m.best_error_rad;
 }
 
-// Whether noise alone causes angles of this size.
+// Whether noise alone explains an angle of this size.
 bool IsNoise(double angle_rad, const MotionAgreement& m) {
   return angle_rad <= kRareErrorInSigmas * m.noise_rad;
 }
@@ -283,7 +285,7 @@ bool IsForeign(const MotionAgreement& m) {
          !IsNoise(m.best_error_rad, m);
 }
 
-// b_from_a, if the pairs between the two cameras agree on one.
+// b_from_a, if the pairs between the two cameras agree on a rotation.
 std::optional<Quaterniond> RotationByPairs(
     const std::vector<SensorPairSamples>& samples, int sensor_a, int sensor_b) {
   for (const SensorPairSamples& pair : samples) {
@@ -299,11 +301,11 @@ std::optional<Quaterniond> RotationByPairs(
   return std::nullopt;
 }
 
-// Whether the motions are those of a mirror image, and contradict the rotation
+// Whether the motions are those of mirrored images and contradict the rotation
 // on which the pairs agree. If the images of b are mirrored, S = M R, where R
 // is the rotation of b relative to a, and M turns by 180 degrees about the
-// horizontal axis; S = R M if those of a are. A camera that lags behind
-// vibrations may have such an S, too, but its errors exceed noise.
+// horizontal axis. If the images of a are mirrored, S = R M. A camera that lags
+// under vibration may have such an S, too, but its errors exceed noise.
 bool IsMirrorOfPairs(const MotionAgreement& m, const Quaterniond& by_pairs) {
   const Quaterniond mirror(0.0, 1.0, 0.0, 0.0);
   return m.b_from_a && IsNoise(m.error_rad, m) &&
@@ -348,7 +350,7 @@ Finding DescribeLag(const std::string& a, const std::string& b,
           "camera '" + late + "' is " + std::to_string(num_frames) +
               (num_frames == 1 ? " frame" : " frames") + " behind camera '" +
               other + "'",
-          "rename its images so that those of one instant share a frame"};
+          "rename its images so that simultaneous images share a frame"};
 }
 
 Finding DescribeForeign(const std::string& a, const std::string& b,

@@ -13,11 +13,11 @@
 
 namespace mgsfm {
 
-// Do the cameras of a rig move alike? The rotation vectors w of two cameras
-// between the same two frames obey w_b = S w_a, where S is the rotation of b
-// relative to a, whatever S is. If camera b is late by k frames,
-// w_b(f + k, g + k) = S w_a(f, g). S is fitted for each k; only pairs of one
-// camera are used, so that overlap and matches between cameras do not matter.
+// Tests whether the cameras of a rig move alike. The rotation vectors w of two
+// cameras between the same two frames obey w_b = S w_a, where S is the
+// (unknown) rotation of b relative to a. If camera b is late by k frames, w_b(f
+// + k, g + k) = S w_a(f, g). S is fitted for each k; only pairs of one camera
+// are used, so cameras need not overlap.
 struct MotionAgreement {
   int sensor_a = 0;
   int sensor_b = 0;
@@ -27,35 +27,34 @@ struct MotionAgreement {
   // Trimmed mean of |w_b - S w_a| at lag 0 and at the best lag.
   double error_rad = 0.0;
   double best_error_rad = 0.0;
-  // Share of the motions with a smaller error at the best lag than at lag 0.
+  // Fraction of the motions with a smaller error at the best lag than at lag 0.
   double share_better = 0.0;
   // Standard deviation of the rotations of both cameras, from the errors of
   // cycles of three frames.
   double noise_rad = 0.0;
-  // Mirrored images rotate like those of a camera that is turned by 180
-  // degrees, but translate in the opposite direction. If the rig turns about
-  // the vertical axis only, this looks like a camera that is upside down.
+  // A camera with mirrored images rotates like one turned by 180 degrees, but
+  // translates in the opposite direction. If the rig turns about the vertical
+  // axis only, it looks like an upside-down camera.
   bool is_mirrored = false;
   // S, if its standard deviation is below 10 degrees.
   std::optional<Eigen::Quaterniond> b_from_a;
   // Angles between w_b and S w_a at lag 0, for the known S of the scene (empty
-  // without) and for the fitted one.
+  // if unknown) and for the fitted S.
   std::vector<double> axis_to_known_rad, axis_to_fitted_rad;
 };
 
-// Compares each sensor with the one of its rig that has most motions.
+// Compares each sensor with the sensor of its rig that has most motions.
 std::vector<MotionAgreement> CompareMotions(const Scene& scene,
                                             const ViewGraph& view_graph);
 
 // kCameraLag, kForeignCamera and kMirroredCamera, where the motions exceed
-// their noise. `samples` tell on which rotation the pairs between two cameras
-// agree. Those of mirrored images agree on none, or, if all of them see one
+// their noise. `samples` provide the rotation on which the pairs between two
+// cameras agree. Pairs with mirrored images agree on none, or, if all see one
 // scene from one place, on a rotation that the motions contradict.
 //
-// Where the rig turns, the lever arms of cameras move them in different
-// directions. If a model explains most matches of both cameras as those of a
-// rigid rig, opposite directions do not show mirrored images. `kept` is null
-// without a model.
+// Where the rig turns, lever arms move cameras in different directions. If a
+// model with a rigid rig explains most matches of both cameras, opposite
+// directions do not indicate mirrored images. `kept` is null without a model.
 std::vector<Finding> CheckMotions(const Scene& scene,
                                   const ViewGraph& view_graph,
                                   const std::vector<SensorPairSamples>& samples,

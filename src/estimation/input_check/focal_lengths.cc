@@ -12,13 +12,14 @@
 namespace mgsfm {
 namespace {
 
-// First a few pairs; as many as a calibration uses if these contradict.
+// A few pairs first; as many as a calibration uses if these contradict the
+// prior.
 constexpr int kFewPairs = 40;
 constexpr int kManyPairs = 300;
-// The relative error that all pairs share. On sound recordings and worlds it
-// reaches 6 % (docs/results/input_check.md).
+// The relative error that all pairs share. It reaches 6 % on correct recordings
+// (docs/results/input_check.md).
 constexpr double kSharedSigmaOfPairs = 0.036;
-// Farther from the known value the linearization is not valid, and the motion
+// Farther from the known value, the linearization is invalid, and the motion
 // does not determine a focal length.
 const double kMaxLogFactor = std::log(2.5);
 
@@ -55,7 +56,7 @@ Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
            {"relative_sigma", SigmaOf(m)},
            {"num_pairs", static_cast<double>(m.num_pairs)}},
           text,
-          "correct it, or mark it as not known (prior_focal_length 0), so that "
+          "correct it, or mark it as unknown (prior_focal_length 0), so that "
           "it is estimated"};
 }
 

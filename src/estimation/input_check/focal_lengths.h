@@ -12,12 +12,11 @@
 namespace mgsfm {
 
 // Focal lengths with a prior that the image pairs contradict
-// (kWrongFocalLength): the logarithm of their ratio to the measured ones
+// (kWrongFocalLength): the log ratio to the measured focal length
 // (mgsfm/view_graph/focal_length_calibration.h) is an error that occurs in 1 of
-// 10,000 cases. Its standard deviation includes 3.6 % by distortion, which the
-// trusted lens may lack, so that errors below 15 % are not named.
-// `view_graph` has the matches before they were selected with these focal
-// lengths.
+// 10,000 cases. Its standard deviation includes 3.6 % for distortion that the
+// trusted lens may lack, so errors below 15 % are not reported. `view_graph`
+// has the matches from before these focal lengths selected them.
 std::vector<Finding> CheckTrustedFocalLengths(const Scene& scene,
                                               const ViewGraph& view_graph,
                                               const Context& context);

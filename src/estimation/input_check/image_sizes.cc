@@ -14,25 +14,25 @@ namespace {
 // Half and twice these values, or their distances from the size and the center
 // of the image, change no verdict (docs/results/constants.md).
 //
-// Images with fewer keypoints do not show how large they are.
+// Fewer keypoints do not reveal the size of an image.
 constexpr size_t kMinNumKeypoints = 50;
-// A few keypoints may be far outside, for example those of a broken detector.
+// A few keypoints may be far outside, for example with a broken detector.
 constexpr double kQuantile = 0.99;
-// Beyond the size of the camera, as a share of it: on both sides, or far beyond
-// one of them if width and height are exchanged.
+// The extent of keypoints beyond the camera size, relative to it: on both
+// sides, or far beyond one side if width and height are exchanged.
 constexpr double kMaxExtent = 1.02;
 constexpr double kMaxLongExtent = 1.2;
-// Keypoints of smaller images end at the same share of width and height, and
-// their center is in the upper left part. Masks and skies end features at one
-// side only, and those of a fisheye surround its principal point.
+// Keypoints of smaller images end at the same fraction of width and height, and
+// their center is in the upper left part. Masks and skies cut off features at
+// one side only, and features of a fisheye surround its principal point.
 constexpr double kMinExtent = 0.8;
 constexpr double kMaxDifference = 0.15;
 constexpr double kMaxCenter = 0.4;
-// Single images can have features in one corner only.
+// Single images can have features in only one corner.
 constexpr size_t kMinNumImages = 3;
 constexpr double kMinShareOfImages = 0.2;
 
-// Quantiles of the keypoints, as shares of the size of the camera.
+// Quantiles of the keypoints, as fractions of the camera size.
 struct Extent {
   double x = 0.0;
   double y = 0.0;

@@ -10,7 +10,7 @@ namespace mgsfm {
 
 // Images whose keypoints do not fit the size of their camera (kWrongImageSize):
 // the largest coordinates of the keypoints of many images are either beyond the
-// size, or the same small share of width and height.
+// size, or the same small fraction of width and height.
 std::vector<Finding> CheckImageSizes(const Scene& scene);
 
 }  // namespace mgsfm

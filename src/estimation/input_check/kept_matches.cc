@@ -13,15 +13,16 @@
 namespace mgsfm {
 namespace {
 
-// Cameras of sound drives keep 96 % or more of their matches, frames full of
-// vehicles that keep their distance about half (docs/results/constants.md).
+// Cameras of correct drives keep at least 96 % of their matches; frames full of
+// vehicles at a constant distance keep about half (docs/results/constants.md).
 constexpr double kMinShare = 0.6;
 
 std::string Percent(double share) {
   return Formatted("%.0f %%", 100.0 * share);
 }
 
-// Whether the share is below the bound, given its standard error.
+// Whether the fraction of kept matches is below the bound, given its standard
+// error.
 bool IsLost(const KeptCount& count) {
   const double sigma = std::sqrt(kMinShare * (1.0 - kMinShare) /
                                  static_cast<double>(count.num_matches));
@@ -40,7 +41,7 @@ Finding DescribeSensor(const std::string& name, const KeptCount& count) {
           "whether it is rigidly mounted"};
 }
 
-// Runs of lost frames in the order of names.
+// Segments of lost frames in the order of names.
 std::vector<std::vector<int>> FindStretches(const Scene& scene,
                                             const KeptMatches& kept) {
   const std::vector<int> rank = RankFrames(scene);

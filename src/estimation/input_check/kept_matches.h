@@ -13,13 +13,13 @@
 namespace mgsfm {
 
 // A match agrees if its Sampson error is at most sqrt(2) max_error_px
-// (mgsfm/tracks/match_selection.h). Cost: linear in the number of matches.
+// (mgsfm/tracks/track_establishment.h). Cost: linear in the number of matches.
 KeptMatches CountKeptMatches(const Scene& scene, const ViewGraph& view_graph,
                              const Reconstruction& model, double max_error_px,
                              const Context& context);
 
-// Cameras and stretches of frames of which the model explains little
-// (kLostMatches).
+// Cameras and segments of frames whose matches the model mostly does not
+// explain (kLostMatches).
 std::vector<Finding> FindLostMatches(const Scene& scene,
                                      const KeptMatches& kept);
 

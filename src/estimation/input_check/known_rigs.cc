@@ -17,7 +17,8 @@
 namespace mgsfm {
 namespace {
 
-// Other meanings of the poses in a file, by which they agree with the matches.
+// Other conventions for the poses in a file under which they agree with the
+// matches.
 struct RigConvention {
   bool is_xyzw;
   bool is_rig_from_cam;
@@ -33,7 +34,7 @@ constexpr RigConvention kRigConventions[] = {
      "; the inverse poses with quaternions x y z w agree; write cam_from_rig, "
      "not rig_from_cam, with w x y z"}};
 
-// Small for a correct rig, even if half of the samples are wrong.
+// Small for a correct rig even if half of the samples are wrong.
 double LowerQuartile(const std::vector<double>& values) {
   return Quantile(values, 0.25);
 }
@@ -47,8 +48,8 @@ std::string Contradiction(const Sensor& a, const Sensor& b,
          Formatted("%.1f deg", RadToDeg(error_rad));
 }
 
-// Three quarters of the angles to the known value exceed `max_angle_rad`, and
-// most of those to the typical value do not.
+// Whether three quarters of the angles to the known value exceed
+// `max_angle_rad`, and most angles to the typical value do not.
 bool Contradicts(const std::vector<double>& to_known,
                  const std::vector<double>& to_typical, double max_angle_rad) {
   return to_known.size() >= kMinNumRigFrames &&
@@ -112,7 +113,7 @@ std::optional<std::string> FindContradiction(const Scene& scene,
 }
 
 void Reinterpret(const RigConvention& convention, Rigid3* pose) {
-  // A pose without rotation, as that of the reference, has no order.
+  // The identity, as for the reference sensor, is the same in both orders.
   if (convention.is_xyzw && !pose->rotation.vec().isZero()) {
     pose->rotation = FromOrderXyzw(pose->rotation);
   }

@@ -8,9 +8,8 @@ namespace mgsfm {
 
 // Compares the known poses of sensors in their rigs with image pairs. Throws
 // Error, naming both sensors, if two known poses contradict
-// - the rotation, or the direction of the translation, on which the pairs
-//   between both sensors agree (rig_samples.h), in three quarters of the
-//   frames;
+// - in three quarters of the frames, the rotation, or the direction of the
+//   translation, on which the pairs between both sensors agree (rig_samples.h);
 // - the rotation that the motions of both sensors determine
 //   (camera_motions.h), which need no common field of view.
 // The bounds separate gross mistakes, such as an inverted pose, from an

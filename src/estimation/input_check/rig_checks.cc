@@ -18,21 +18,21 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// Residuals beyond this are wrong pairs, not moves of a rig.
+// Larger residuals are due to wrong pairs, not to moved cameras.
 constexpr double kMaxResidualRad = 2 * kSameRotationRad;
-// Steps of sound rigs reach 3.6 standard deviations, and the weakest real one
-// 24 (docs/results/input_check.md).
+// Steps of correct rigs reach 3.6 standard deviations; the weakest real step
+// has 24 (docs/results/input_check.md).
 constexpr double kMinStepInSigmas = 6.0;
-// Vehicles alongside disturb the pairs of a side camera for some frames.
+// Passing vehicles disturb the pairs of a side camera for some frames.
 constexpr double kMinStretchShare = 0.05;
-// Steps of sound rigs reach 0.54 degrees, at 1.6 standard deviations
+// Steps of correct rigs reach 0.54 degrees, at 1.6 standard deviations
 // (docs/results/input_check.md).
 constexpr double kMinStepRad = DegToRad(0.5);
-// A known rotation has an error of its own. Half or twice the value names an
-// error of 5 degrees as well (docs/results/constants.md).
+// A known rotation has an error of its own. Half or twice the value still
+// detects an error of 5 degrees (docs/results/constants.md).
 constexpr double kMinKnownErrorRad = 2 * kMinStepRad;
-// The share of all samples that agree with one pose or the other: 30 % may be
-// wrong pairs. Half or twice as many change no verdict
+// The fraction of all samples that agree with one pose or the other: 30 % may
+// be wrong pairs. Half or twice as many change no verdict
 // (docs/results/constants.md).
 constexpr double kMinExplainedShare = 0.7;
 
@@ -49,7 +49,7 @@ Vector3d MedianVector(const std::vector<Vector3d>& vectors) {
   return median;
 }
 
-// The residuals of a stretch of frames.
+// The residuals of a segment of frames.
 struct Stretch {
   Vector3d median = Vector3d::Zero();
   double sigma = 0.0;  // per axis
@@ -65,7 +65,7 @@ Stretch Summarize(const std::vector<Vector3d>& residuals) {
   return stretch;
 }
 
-// The size of the first stretch for which the two means differ most, in
+// The size of the first segment for which the two means differ most, in
 // standard deviations of the difference.
 size_t FindSplit(const std::vector<Vector3d>& residuals, size_t min_size) {
   const size_t size = residuals.size();
@@ -99,8 +99,8 @@ struct Move {
   double Strength() const { return step.step_rad / step.sigma_rad; }
 };
 
-// The sensor with most moves; of equal ones the last, because the first one is
-// the reference in most rigs.
+// The sensor in most moves. Ties go to the last sensor, because the first one
+// is the reference in most rigs.
 int FindCulprit(const std::vector<Move>& moves, int num_sensors) {
   int culprit = 0;
   std::ptrdiff_t most = 0;
@@ -137,11 +137,10 @@ Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
               " deg relative to camera " + Quoted(scene.sensors[other].name) +
               " at frame " + Quoted(frame),
           "set split_rig_at to " + frame +
-              ", so that the frames from there on get a calibration of their "
-              "own"};
+              ", to calibrate the frames from there on separately"};
 }
 
-// Whether the frames cover most samples between the first and the last of them.
+// Whether the frames comprise most samples between their first and last.
 bool IsOneStretch(const std::vector<RigSample>& samples,
                   const std::vector<int>& frame_idxs) {
   const auto position = [&](int frame_idx) {
@@ -211,7 +210,7 @@ std::vector<Finding> DescribeDelays(const Scene& scene,
     const std::string& reference = scene.sensors[rig.ref_sensor_idx].name;
     finding.text = "cameras do not trigger together: relative to " +
                    Quoted(reference) + ", " + finding.text +
-                   "; stated standard deviations contain the errors by that";
+                   "; stated standard deviations include the resulting errors";
     finding.remedy = "set SoftRig.method time_offset";
     if (!delays.is_in_seconds) finding.remedy += " and image_timestamps_path";
     finding.cameras.push_back(reference);
@@ -260,7 +259,7 @@ std::vector<Finding> FindRigMoves(const Scene& scene,
     const auto others =
         std::partition(moves.begin(), moves.end(),
                        [&](const Move& m) { return m.Concerns(culprit); });
-    // A sensor that moved did so relative to most others.
+    // A moved sensor moves relative to most others.
     if (2 * (others - moves.begin()) > num_pairs[culprit]) {
       findings.push_back(
           DescribeMove(scene, culprit,
@@ -327,7 +326,7 @@ std::vector<Finding> FindSwappedCameras(
     if (typical->direction) {
       inverse_direction = -(inverse * *typical->direction);
     }
-    // A pose that is its own inverse hides an exchange.
+    // A pose that is its own inverse hides an exchange of cameras.
     const RigSample exchanged{0, inverse, inverse_direction};
     if (Agrees(exchanged, typical->b_from_a, typical->direction)) continue;
     std::vector<int> swapped, regular;
@@ -342,7 +341,7 @@ std::vector<Finding> FindSwappedCameras(
         regular.push_back(sample.frame_idx);
       }
     }
-    // The smaller of both groups is named.
+    // Report the smaller group.
     if (swapped.size() > regular.size()) std::swap(swapped, regular);
     if (swapped.size() < kMinNumRigFrames ||
         !IsOneStretch(pair.samples, swapped) ||

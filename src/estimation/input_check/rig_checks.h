@@ -14,46 +14,46 @@
 
 namespace mgsfm {
 
-// Does a rig stay the same, and is it the one that the user states? All checks
-// use the samples of image pairs (rig_samples.h).
+// Tests whether a rig stays the same and agrees with the user's calibration.
+// All checks use the samples of image pairs (rig_samples.h).
 
 // The largest step of the relative rotation of two sensors: the split of the
-// frames into two stretches whose mean rotations differ most, in standard
-// deviations. Each stretch has at least 5 samples and 5 % of all.
+// frames into two segments whose mean rotations differ most, in standard
+// deviations. Each segment has at least 5 samples and 5 % of all.
 struct RigStep {
   int first_frame_idx = 0;  // of the second stretch
   double step_rad = 0.0;    // angle between the medians of both stretches
   double sigma_rad = 0.0;   // per axis, of one sample; of the noisier stretch
 };
-// nullopt with fewer samples. Cost: linear.
+// nullopt with fewer samples. Cost: linear in the samples.
 std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples);
 
-// kUnsynchronized: the delays of all cameras of rigs with a certain one.
+// kUnsynchronized: the delays of all cameras of rigs with a significant delay.
 std::vector<Finding> DescribeDelays(const Scene& scene,
                                     const RigDelays& delays);
 
-// Turns the samples to the time of their frames, so that the checks below see
-// what delays do not explain.
+// Rotates the samples to the time of their frames, so that the checks below see
+// only what delays do not explain.
 void RemoveDelays(const Scene& scene, const RigDelays& delays,
                   std::vector<SensorPairSamples>* pairs);
 
 // A sensor that moved relative to most others of its rig (kRigMoved). The step
 // must exceed 0.5 degrees and six standard deviations of one sample: neither
-// vibration nor pair errors that depend on the place may count as a move.
+// vibration nor location-dependent pair errors may count as a move.
 std::vector<Finding> FindRigMoves(const Scene& scene,
                                   const std::vector<SensorPairSamples>& pairs);
 
 // Known rotations that contradict the samples (kWrongKnownRotation). In a
 // narrow overlap, matches determine only combinations of the rotation and the
 // direction of the baseline, and all samples can have the same error. A
-// rotation is therefore not contradicted if a model with the known rig explains
-// most matches of both cameras with other cameras, `kept_between`, per sensor.
-// Empty without a model.
+// rotation is therefore accepted if a model with the known rig explains most
+// matches of both cameras with other cameras (`kept_between`, per sensor; empty
+// without a model).
 std::vector<Finding> CheckKnownRotations(
     const Scene& scene, const std::vector<SensorPairSamples>& pairs,
     const std::vector<KeptCount>& kept_between);
 
-// Stretches of frames in which two sensors have exchanged their images
+// Segments of frames in which two sensors have exchanged their images
 // (kSwappedCameras): their samples agree with the inverse of the typical pose.
 std::vector<Finding> FindSwappedCameras(
     const Scene& scene, const std::vector<SensorPairSamples>& pairs);

@@ -105,7 +105,7 @@ void SampleCollector::Add(const ImagePair& pair) {
   }
 }
 
-// The medoid. The pair within the frame gives the direction.
+// The medoid. The pair within the frame provides the direction.
 RigSample SelectSample(const std::vector<RigSample>& samples) {
   const RigSample* best = nullptr;
   double least = std::numeric_limits<double>::infinity();

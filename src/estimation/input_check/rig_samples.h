@@ -13,19 +13,20 @@
 
 namespace mgsfm {
 
-// Rotations that differ by more are not of one rig: far above the errors of a
-// calibration and of single pairs. With twice the value, an error of 15 degrees
-// is accepted; half of it changes no verdict (docs/results/constants.md).
+// Rotations that differ by more do not belong to one rig: far above the errors
+// of a calibration and of single pairs. With twice the value, an error of 15
+// degrees is accepted; half of it changes no verdict
+// (docs/results/constants.md).
 inline constexpr double kSameRotationRad = DegToRad(10.0);
-// An inverted translation is wrong by 180 degrees, exchanged axes by 90: half
-// of the smaller. Directions of short baselines scatter most.
+// Half of the smaller typical error: exchanged axes cause 90 degrees, an
+// inverted translation 180. Directions of short baselines scatter most.
 inline constexpr double kSameDirectionRad = DegToRad(45.0);
 // A median of five tolerates two outliers.
 inline constexpr size_t kMinNumRigFrames = 5;
 
-// Measurements of the pose of one sensor relative to another one of its rig,
-// by image pairs alone: a rig that does not change gives the same one in all
-// frames, whatever model was estimated.
+// Measurements of the pose of one sensor relative to another of its rig, from
+// image pairs alone: for a constant rig, they are equal in all frames, whatever
+// model was estimated.
 //
 // A pair within a frame measures the pose directly. A pair from sensor a in
 // frame f to sensor b in frame g measures the rotation in frame g with the
@@ -41,8 +42,8 @@ struct RigSample {
 struct SensorPairSamples {
   int sensor_a = 0;  // < sensor_b
   int sensor_b = 0;
-  // At most one per frame: the one that agrees best with the others of its
-  // frame. Ordered by the names of frames.
+  // At most one per frame: the sample that agrees best with the others of its
+  // frame. Ordered by frame name.
   std::vector<RigSample> samples;
 };
 
@@ -60,7 +61,7 @@ struct TypicalRigPose {
 std::optional<TypicalRigPose> FindTypicalPose(
     const std::vector<RigSample>& samples);
 
-// Per frame its position in the order of names, among the frames of its rig.
+// Per frame, its rank by name among the frames of its rig.
 std::vector<int> RankFrames(const Scene& scene);
 
 }  // namespace mgsfm

@@ -14,10 +14,10 @@ namespace {
 
 using Eigen::Vector3d;
 
-// A few correct pairs can be all that show the static scene. Values of 0.8 and
-// 0.95 change errors by at most 5 % (docs/results/constants.md).
+// A few correct pairs can be the only ones that show the static scene. Values
+// of 0.8 and 0.95 change errors by at most 5 % (docs/results/constants.md).
 constexpr double kMinShareAgreeing = 0.9;
-// docs/results/constants.md shows turns of sound and of turned steps.
+// docs/results/constants.md lists the turns of correct and of turned steps.
 constexpr double kMinTurn_rad = DegToRad(1.0);
 
 std::optional<Vector3d> CommonDeviation(
@@ -34,7 +34,7 @@ std::optional<Vector3d> CommonDeviation(
   return common;
 }
 
-// Per frame: the one before it in its sequence; nullopt for the first.
+// Per frame: the previous frame of its sequence; nullopt for the first.
 std::vector<std::optional<int>> PreviousFrames(const FramePairIndex& index) {
   std::vector<std::optional<int>> previous(index.num_frames());
   for (const std::vector<int>& sequence : index.order()->sequences()) {

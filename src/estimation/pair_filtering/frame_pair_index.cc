@@ -14,8 +14,9 @@ namespace {
 
 // One frame may be missing or blurred.
 constexpr int kMaxNeighborGap = 2;
-// At most so many permutations may be as good as the order of a sequence: one
-// random order in 2,000 is taken for one. Eight frames suffice.
+// The number of random permutations that may be as good as the order of a
+// sequence: a random order passes with probability 1 / 2,000. Eight frames
+// suffice.
 constexpr int kNumPermutations = 3999;
 constexpr int kMaxAsGood = 1;
 
@@ -42,7 +43,7 @@ std::vector<FrameLink> LinksOfRigs(
   return links;
 }
 
-// Per frame, the most matches with any other.
+// Per frame, the largest number of matches with any other frame.
 std::vector<size_t> MostMatches(const std::vector<FrameLink>& links,
                                 size_t num_frames, bool only_neighbors) {
   std::vector<size_t> most(num_frames, 0);
@@ -55,8 +56,8 @@ std::vector<size_t> MostMatches(const std::vector<FrameLink>& links,
   return most;
 }
 
-// The matches of two frames in thousandths of the most that either shares with
-// any frame: integers, so that the sums of equally good orders are equal.
+// The matches of two frames, in thousandths of the maximum that either shares
+// with any frame: integers, so that the sums of equally good orders are equal.
 class Similarities {
  public:
   Similarities(const std::vector<FrameLink>& links,
@@ -95,7 +96,7 @@ class Similarities {
     return found->first == high ? found->second : 0;
   }
 
-  // With frames of higher index, in their order.
+  // Similarities with frames of higher index, in ascending order.
   std::vector<std::vector<std::pair<int, int>>> of_frame_;
 };
 
@@ -118,9 +119,9 @@ void Shuffle(std::vector<int>* values, Random* random) {
   }
 }
 
-// Whether neighbors share more matches than in random orders. Only the
-// frames between breaks change places: unordered images of one recording match
-// each other, but not those of another.
+// Whether neighbors share more matches than in random orders. Frames are
+// permuted only between breaks: unordered images of one recording match each
+// other, but not those of another.
 bool IsOrderSignificant(const Similarities& similarities,
                         std::vector<std::vector<int>> runs) {
   const int64_t observed = similarities.Sum(runs);

@@ -16,8 +16,8 @@ namespace {
 
 using FramePair = FramePairIndex::FramePair;
 
-// Rounds of selection in a sequence: pairs of frames at most this share of its
-// reach apart in time, or two steps, since a frame may be missing.
+// Rounds of selection in a sequence: pairs of frames up to this fraction of the
+// reach apart in time, at least two steps, since a frame may be missing.
 constexpr double kSharesOfReach[] = {0.2, 1.0};
 constexpr double kMinTimeGap = 2.0;
 

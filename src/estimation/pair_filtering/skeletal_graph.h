@@ -11,14 +11,14 @@
 namespace mgsfm {
 
 // A sparse subgraph of pairs of neighbors, after the skeletal graphs of
-// Snavely, Seitz and Szeliski (CVPR 2008). Votes cannot tell a road from one
-// that is folded so that two equal facades meet: few pairs cross the place
-// where it breaks, many connect the facades. Strength can: neighbors share
-// most of what they see, duplicate structures share only the duplicate.
+// Snavely, Seitz and Szeliski (CVPR 2008). Votes cannot distinguish a road from
+// one that is folded so that two equal facades meet: few pairs cross the break,
+// many connect the facades. Strength can: neighbors share most of what they
+// see, duplicates share only the duplicate structure.
 //
 // The support of a pair of frames is the number of triplet-consistent matches
-// of all its image pairs. Its strength is the support over that of the best
-// partner of either frame, whichever ratio is larger. The skeleton contains
+// of all its image pairs. Its strength is the larger ratio of this support to
+// the support of the best partner of either frame. The skeleton contains
 //
 //   pairs within a frame,
 //   pairs with support whose frames are stronger than min_strength, and
@@ -31,14 +31,14 @@ namespace mgsfm {
 //
 // If the frames are a sequence, neighbors in time come first: the selection
 // runs on pairs of frames at most a fifth of its reach apart, then on all
-// neighbors, and other pairs only connect what is still apart. A weak cut of
-// the sequence is thus decided by the few correct pairs across it, not by the
-// many of a duplicate structure.
+// neighbors, and other pairs only connect what is still apart. The few correct
+// pairs across a weak cut of the sequence thus decide it, not the many pairs of
+// a duplicate structure.
 //
 // Per pair; false where pair_is_used is false.
 [[nodiscard]] Mask SelectSkeletalGraph(const PairEvidence& evidence);
 
-// The same for known numbers of matches and of triplet-consistent ones, per
+// The same for known numbers of matches and of triplet-consistent matches per
 // pair.
 Mask SelectSkeletalGraph(const FramePairIndex& index,
                          const std::vector<int>& num_matches,

@@ -15,9 +15,9 @@
 namespace mgsfm {
 namespace {
 
-// Intervals between a tenth of the median and ten medians are those of one
-// recording. The key frames of a drone that stops are up to 7.3 s apart,
-// at 1.35 s in the mean (EuRoC V1_01).
+// Intervals between a tenth of the median and ten medians belong to one
+// recording. Key frames of a hovering drone are up to 7.3 s apart, 1.35 s on
+// average (EuRoC V1_01).
 constexpr double kMaxInterval = 10.0;
 
 bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
@@ -59,7 +59,7 @@ Intervals SortByName(const Scene& scene, std::vector<int>* frame_idxs) {
   return intervals;
 }
 
-// Divides intervals by their median; those that are not positive are unknown.
+// Divides intervals by their median; nonpositive intervals become unknown.
 Intervals Normalized(Intervals intervals) {
   std::vector<double> known;
   for (auto& interval : intervals) {
@@ -74,8 +74,7 @@ Intervals Normalized(Intervals intervals) {
   return intervals;
 }
 
-// The numbers of a date, and counters that start again, change by amounts that
-// are not times.
+// Dates and counters that restart change by amounts that are not times.
 void KeepCounts(Intervals* intervals) {
   for (auto& interval : *intervals) {
     if (interval &&

@@ -53,7 +53,7 @@ class KeypointNumbers {
   size_t size_ = 0;
 };
 
-// Per pair: the number of matches of all pairs before it.
+// Per pair: the number of matches of all previous pairs.
 std::vector<size_t> FirstMatches(const ViewGraph& view_graph) {
   std::vector<size_t> first = {0};
   for (const ImagePair& pair : view_graph.pairs) {
@@ -128,7 +128,7 @@ std::pair<int, int> ImagesOf(const PairMatches& pair) {
   return {pair.image_idx1, pair.image_idx2};
 }
 
-// The first of the sorted pairs whose first image is this one or a later one.
+// The first of the sorted pairs whose first image is not before this one.
 size_t FirstPairOf(const std::vector<PairMatches>& pairs, int image_idx) {
   const auto first = std::partition_point(
       pairs.begin(), pairs.end(),

@@ -13,8 +13,8 @@ namespace mgsfm {
 // A match is triplet-consistent if a keypoint of a third image is matched with
 // both of its keypoints (after Zach, Klopschitz and Pollefeys, CVPR 2010).
 // Neighbors on a path have many such matches. A pair of unrelated places has
-// none but by chance, however many of its matches agree on a relative pose.
-// Only pairs that `pair_is_used` names take part; false or 0 for all others.
+// such matches only by chance, even if many of its matches agree on a relative
+// pose. Only pairs in `pair_is_used` take part; false or 0 for all others.
 // Cost: linear in the number of matches times the length of tracks.
 
 // Per match of all pairs, one pair after the other.
@@ -27,10 +27,10 @@ std::vector<int> CountTripletConsistentMatches(const ViewGraph& view_graph,
                                                const Mask& pair_is_used,
                                                int num_threads = 1);
 
-// The same for sorted pairs, all of which are used: one thread goes through the
-// triangles of images. Beyond the pairs, it needs one bit per match instead of
-// 8 bytes and 16 bytes per keypoint, but for each triangle the time of a binary
-// search per match. Sorts the matches of each pair.
+// The same for sorted pairs that are all used: one thread visits the triangles
+// of images. This needs one bit per match instead of 8 bytes per match and 16
+// bytes per keypoint, but a binary search per match and triangle. Sorts the
+// matches of each pair.
 std::vector<int> CountTripletConsistentMatches(std::vector<PairMatches>* pairs,
                                                const Context& context);
 

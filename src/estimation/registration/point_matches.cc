@@ -15,7 +15,7 @@ namespace {
 
 using Votes = std::vector<std::pair<int, int>>;  // keypoint, point
 
-// The point with the most votes of each keypoint. Sorts the votes.
+// The point with the most votes, per keypoint. Sorts the votes.
 std::vector<PointMatch> CountVotes(Votes* votes) {
   std::sort(votes->begin(), votes->end());
   std::vector<PointMatch> matches;

@@ -17,9 +17,8 @@ struct PointMatch {
 };
 
 // For each image with `is_wanted`, the keypoints matched to observations of
-// points, in ascending order, each with the point of most of these matches;
-// ties go to the smaller index. Cost: linear in the number of matches, plus
-// sorting.
+// points, in ascending order, each with the point of most of its matches; ties
+// go to the smaller index. Cost: linear in the number of matches, plus sorting.
 std::vector<std::vector<PointMatch>> FindPointMatches(
     const Scene& scene, const ViewGraph& view_graph,
     const Reconstruction& model, const Mask& is_wanted, int num_threads);

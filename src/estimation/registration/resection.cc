@@ -23,7 +23,7 @@ struct UnitPose {
   int num_inliers = 0;
 };
 
-// The unchanging inputs of all resections.
+// The constant inputs of all resections.
 struct ResectionInput {
   const Scene& scene;
   const Bearings& bearings;
@@ -35,7 +35,7 @@ struct ResectionInput {
 
 using SensorPoses = std::vector<std::optional<Rigid3>>;  // sensor_from_rig
 
-// Random streams of single images and of frames differ.
+// Single images and frames use different random streams.
 uint64_t StreamOfImage(size_t image_idx) { return 2 * image_idx; }
 uint64_t StreamOfFrame(int frame_idx) {
   return 2 * static_cast<uint64_t>(frame_idx) + 1;
@@ -115,8 +115,8 @@ std::vector<UnitPose> ResectSingleImages(const ResectionInput& input,
   return poses;
 }
 
-// The pose of a frame in the model; otherwise that of its calibrated image with
-// the most inliers.
+// The pose of a frame in the model; otherwise, the pose implied by its
+// calibrated image with the most inliers.
 std::optional<Rigid3> FindRigFromWorld(const ResectionInput& input,
                                        const Frame& frame,
                                        const SensorPoses& sensor_from_rig,
@@ -141,7 +141,7 @@ std::optional<Rigid3> FindRigFromWorld(const ResectionInput& input,
   return rig_from_world;
 }
 
-// One estimate of sensor_from_rig per frame that has poses of both.
+// One estimate of sensor_from_rig per frame that has both poses.
 std::vector<Rigid3> FindSensorPoses(const ResectionInput& input, int sensor_idx,
                                     const SensorPoses& sensor_from_rig,
                                     const std::vector<UnitPose>& images) {
@@ -162,8 +162,8 @@ std::vector<Rigid3> FindSensorPoses(const ResectionInput& input, int sensor_idx,
   return poses;
 }
 
-// Completes the rig extrinsics: known ones first, then, as long as another
-// sensor can be connected to those before, by resection.
+// Completes the rig extrinsics: known sensors first, then, by resection, each
+// further sensor that can be connected to those before.
 std::vector<PlacedSensor> CalibrateSensors(const ResectionInput& input,
                                            SensorPoses* sensor_from_rig) {
   std::vector<int> unknown;

@@ -27,8 +27,8 @@ BaselineResidual ResidualOf(const TermInput& in, size_t t) {
       term, CenterOf(in.poses[term.image2]) - CenterOf(in.poses[term.image1]));
 }
 
-// A term with its derivatives by the blocks of a chunk, times the root of its
-// weight.
+// A term and its derivatives with respect to the blocks of a chunk, times the
+// square root of its weight.
 class LinearTermOfBlocks {
  public:
   LinearTermOfBlocks(const TermInput& in, const ChunkRanges& chunk, size_t t)
@@ -55,7 +55,7 @@ class LinearTermOfBlocks {
   }
 
   void AddTo(SchurWorkspace* w) const {
-    // Else the preconditioner does without: parts of a term may be indefinite.
+    // If not, the preconditioner omits the term: parts of it may be indefinite.
     const bool is_whole = AllPairsAreIn(*w);
     for (int a = 0; a < num_blocks_; ++a) {
       const int row = blocks_[a];

@@ -11,8 +11,8 @@
 
 namespace mgsfm {
 
-// The residual of a term and its derivative by the baseline; only the first
-// `size` rows are used.
+// The residual of a term and its derivative with respect to the baseline; only
+// the first `size` rows are used.
 struct BaselineResidual {
   int size = 0;
   Eigen::Vector3d value = Eigen::Vector3d::Zero();
@@ -29,12 +29,12 @@ struct TermInput {
   const std::vector<ImagePose>& poses;
 };
 
-// The terms of a chunk: their cost, and their contribution to the local system.
+// The cost of the terms of a chunk, and their contribution to the local system.
 double CostOfTerms(const TermInput& in, const ChunkRanges& chunk);
 void AddTermsToSystem(const TermInput& in, const ChunkRanges& chunk,
                       SchurWorkspace* workspace);
-// Adds their J^T W J times the images' changes to workspace->product; only
-// shifts count.
+// Adds J^T W J of the terms times the changes of images to workspace->product;
+// only shifts count.
 void MultiplyTerms(const TermInput& in, const ChunkRanges& chunk,
                    const std::vector<ImageTwist>& twists,
                    SchurWorkspace* workspace);

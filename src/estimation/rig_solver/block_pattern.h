@@ -19,9 +19,9 @@ inline int RowOf(BlockPairKey key) {
   return static_cast<int>(key & 0xffffffffu);
 }
 
-// The places of the blocks of a symmetric block-sparse matrix in the values of
-// a compressed sparse matrix of its lower triangle. Diagonal blocks are stored
-// completely.
+// The positions of the blocks of a symmetric block-sparse matrix in the values
+// of a compressed sparse matrix of its lower triangle. Diagonal blocks are
+// stored completely.
 class BlockPattern {
  public:
   BlockPattern() = default;

@@ -80,8 +80,8 @@ class CeresRigProblem {
     return options;
   }
 
-  // Within a group Ceres goes by address. Each group is one array, so that the
-  // order does not depend on where the arrays happen to lie.
+  // Within a group, Ceres orders by address. Each group is one array, so that
+  // the order does not depend on where arrays are allocated.
   void SetOrder(ceres::Solver::Options* options) {
     auto* ordering = new ceres::ParameterBlockOrdering;
     const auto add = [&](double* block, int group) {

@@ -8,8 +8,8 @@
 namespace mgsfm {
 
 // The same problem for Ceres, with the same derivatives and parametrization:
-// SPARSE_SCHUR with CHOLMOD, or SPARSE_NORMAL_CHOLESKY without points.
-// A reference; not the same for every number of threads.
+// SPARSE_SCHUR with CHOLMOD, or SPARSE_NORMAL_CHOLESKY without points. A
+// reference; results depend on the number of threads.
 template <class R>
 SolveSummary SolveByCeres(const RigProblem<typename R::Observation>& problem,
                           const RigSolverOptions& options,

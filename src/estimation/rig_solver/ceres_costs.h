@@ -18,8 +18,8 @@
 #include "rig_solver/residuals.h"
 #include "rig_solver/schur_kernels.h"
 
-// The residuals of a rig problem as Ceres wants them: with the derivatives of
-// the native solver.
+// The residuals of a rig problem as Ceres cost functions, with the derivatives
+// of the native solver.
 namespace mgsfm {
 
 using RowMajor3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
@@ -35,9 +35,9 @@ inline Eigen::Quaterniond RotationOf(const double* block) {
   return Eigen::Quaterniond(block[3], block[0], block[1], block[2]);
 }
 
-// The changes of rig_problem.h that a mask leaves. Cost functions write their
-// derivatives by all six as the first six columns, so that the derivative of
-// Plus selects columns.
+// The pose changes of rig_problem.h that a mask leaves free. Cost functions
+// write derivatives with respect to all six as the first six columns, so that
+// the derivative of Plus selects columns.
 class PoseManifold : public CeresManifold {
  public:
   explicit PoseManifold(const PoseMask& mask) {
@@ -65,7 +65,7 @@ class PoseManifold : public CeresManifold {
     }
     return true;
   }
-  // Ceres needs these for bounds and covariances only.
+  // Ceres needs these functions only for bounds and covariances.
   bool Minus(const double*, const double*, double*) const override {
     return false;
   }
@@ -174,7 +174,7 @@ class ObservationCost : public ceres::CostFunction {
   typename R::Scalar measured_[R::kDim];
 };
 
-// Blocks: those of frames and sensors of both images, each once.
+// Blocks: frames and sensors of both images, each once.
 class BaselineCost : public ceres::CostFunction {
  public:
   // Block indices of frame and sensor of image 1, then of image 2.
@@ -275,7 +275,7 @@ class PriorCost : public ceres::CostFunction {
   const RigProblemBase::ParameterPrior& prior_;
 };
 
-// Writes the derivatives of a prior by one of its blocks.
+// Writes the derivatives of a prior with respect to one of its blocks.
 inline void WriteJacobian(const Eigen::Matrix<double, 6, 6>& derivative,
                           int size, double* jacobian) {
   if (jacobian == nullptr) return;

@@ -15,7 +15,7 @@
 #endif
 
 // Manifolds of Ceres 2.1 and later. Ceres 2.0 calls them local
-// parameterizations, with other names of the functions.
+// parameterizations, with different function names.
 namespace mgsfm {
 
 #if MGSFM_CERES_HAS_MANIFOLDS

@@ -11,8 +11,8 @@
 
 namespace mgsfm {
 
-// Ends a solve of Ceres when the context is canceled. The caller then throws
-// by Context::CheckInterrupted().
+// Ends a Ceres solve when the context is canceled. The caller then throws in
+// Context::CheckInterrupted().
 class StopWhenCanceled : public ceres::IterationCallback {
  public:
   explicit StopWhenCanceled(const Context& context) : context_(context) {}
@@ -31,7 +31,7 @@ class StopWhenCanceled : public ceres::IterationCallback {
 // kFailure if the solution is not usable.
 inline SolveSummary SummarizeCeres(const ceres::Solver::Summary& result) {
   SolveSummary summary;
-  // The first iteration that Ceres lists is the start.
+  // The first iteration that Ceres lists is the initial state.
   summary.num_iterations =
       std::max(0, static_cast<int>(result.iterations.size()) - 1);
   summary.initial_cost = result.initial_cost;

@@ -15,9 +15,9 @@ namespace {
 
 // Appends chunks to a structure. Chunks of up to 4096 observations, 1024 terms
 // and 256 blocks are large enough that adding them to the common system is
-// cheap, and small enough that their local systems fit the caches. Remembers
-// for each image and block the chunk that it was last added to, and its
-// position there.
+// cheap, and small enough that their local systems fit the caches. Stores, for
+// each image and block, the last chunk that it was added to and its position
+// there.
 class ChunkBuilder {
  public:
   ChunkBuilder(const RigProblemBase& problem, RigStructure* structure)

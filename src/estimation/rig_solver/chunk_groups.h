@@ -8,8 +8,8 @@
 namespace mgsfm {
 
 // Calls function(blocks) for each group of blocks that residuals of a chunk
-// connect: those of a part of a point, of an image if points are constant, or
-// of a term; the two images of a cut term are separate groups. `blocks` is a
+// connect: the blocks of a part of a point, of an image if points are constant,
+// or of a term; the two images of a cut term are separate groups. `blocks` is a
 // std::vector<int> of positions in the chunk, without duplicates. Linear in the
 // observations and terms of the chunk.
 template <class Function>

@@ -9,7 +9,7 @@ namespace mgsfm {
 // Preconditioned conjugate gradients (Hestenes and Stiefel 1952): solves A x =
 // b for a symmetric positive definite A, starting at zero. multiply(x, &y) sets
 // y = A x, precondition(r, &z) sets z = M^-1 r. Stops when sqrt(r^T M^-1 r) has
-// fallen by the factor `tolerance`, or after max_num_iterations. Returns
+// decreased by the factor `tolerance`, or after max_num_iterations. Returns
 // whether the result is finite, and b - A x in `residual`.
 template <class Multiply, class Precondition>
 bool SolveByConjugateGradient(const Eigen::VectorXd& b, double tolerance,

@@ -7,8 +7,8 @@
 namespace mgsfm {
 namespace {
 
-// Factor of lambda after a step as good as predicted (Nielsen), and of this
-// factor from one such step to the next.
+// Factor of lambda after a step that is as good as predicted (Nielsen), and the
+// ratio of these factors for consecutive such steps.
 constexpr double kShrinkage = 1.0 / 3.0;
 
 class LevenbergMarquardt {
@@ -96,8 +96,8 @@ class LevenbergMarquardt {
   }
 
   // The low-frequency deformations of a long drive have tiny curvatures. They
-  // converge only when lambda is as small, which takes many steps if lambda
-  // shrinks by a constant factor.
+  // converge only when lambda is equally small, which takes many steps if
+  // lambda shrinks by a constant factor.
   void Shrink(double factor) {
     if (factor < kShrinkage) {
       lambda_ *= lambda_shrinkage_;
@@ -106,7 +106,7 @@ class LevenbergMarquardt {
       lambda_ *= factor;
       lambda_shrinkage_ = kShrinkage;
     }
-    // Below it, damping vanishes in the rounding of the diagonal.
+    // Below this value, damping vanishes in the rounding of the diagonal.
     lambda_ = std::max(1e-16, lambda_);
     lambda_growth_ = 2.0;
   }
@@ -115,7 +115,7 @@ class LevenbergMarquardt {
     lambda_ *= lambda_growth_;
     lambda_growth_ *= 2.0;
     lambda_shrinkage_ = kShrinkage;
-    // Above it, a step vanishes in the rounding of the state.
+    // Above this value, a step vanishes in the rounding of the state.
     if (lambda_ > 1e16) {
       Finish(Termination::kFailure, "The damping exceeds its maximum.");
     }

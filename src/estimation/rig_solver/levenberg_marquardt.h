@@ -10,17 +10,17 @@ namespace mgsfm {
 // The result of a trial step from the current state.
 struct TrialStep {
   double new_cost = 0.0;
-  // Decrease of the cost by the linear model.
+  // Decrease of the cost predicted by the linear model.
   double predicted_decrease = 0.0;
   double step_norm = 0.0;
   double state_norm = 0.0;
 };
 
-// The problem as the trust-region loop sees it: a state and steps from it.
+// What the trust-region loop needs of a problem: a state and steps from it.
 class DampedProblem {
  public:
   virtual ~DampedProblem() = default;
-  // Not finite if the state is outside of the domain.
+  // Not finite if the state is outside the domain.
   virtual double Cost() = 0;
   // Forms the normal equations with damping lambda. False if a derivative is
   // not finite.

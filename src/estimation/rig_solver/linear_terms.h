@@ -13,8 +13,8 @@ namespace mgsfm {
 double CostOfLinearTerms(const RigProblemBase& problem, const RigState& state);
 
 // Adds J^T r, the diagonal of J^T J, and the blocks of J^T J that are in the
-// pattern. `matrix`: the values of the Schur complement, at the places of the
-// pattern.
+// pattern. `matrix`: the values of the Schur complement, at the positions of
+// the pattern.
 void AddLinearTerms(const RigProblemBase& problem,
                     const RigStructure& structure, const RigState& state,
                     Eigen::VectorXd* gradient, Eigen::VectorXd* diagonal,

@@ -9,7 +9,7 @@
 namespace mgsfm {
 namespace {
 
-// Relative to the diagonal: far below any observable curvature.
+// Relative to the diagonal; far below any observable curvature.
 constexpr double kDamping = 1e-12;
 // Poses per solve; bounds the memory of the right-hand sides.
 constexpr size_t kBlocksPerSolve = 16;

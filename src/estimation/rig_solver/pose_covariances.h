@@ -12,7 +12,7 @@
 
 namespace mgsfm {
 
-// Beyond this standard deviation, the linearization of a rotation is
+// Above this standard deviation, the linearization of a rotation is
 // meaningless.
 inline constexpr double kMaxSigmaRad = DegToRad(10.0);
 

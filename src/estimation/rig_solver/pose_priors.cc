@@ -12,8 +12,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-// A prior in the equations: its weight rho' and the columns of its blocks, with
-// zeros for constant coordinates.
+// The weight rho' of a prior and the columns of its blocks, with zeros for
+// constant coordinates.
 struct WeightedPrior {
   double weight = 1.0;
   Eigen::Matrix<double, 6, 1> value;
@@ -139,7 +139,7 @@ PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
   r.value.tail<3>() =
       (sensor_from_rig.translation - prior.sensor_from_rig.translation) /
       prior.sigma_length;
-  // Exp(w) is on the left: the left Jacobian is the right one at -rotation.
+  // Exp(w) is on the left, hence the left Jacobian: the right one at -rotation.
   r.by_sensor.topLeftCorner<3, 3>() =
       InverseRightJacobianSO3(-rotation) / prior.sigma_rad;
   r.by_sensor.bottomRightCorner<3, 3>() =

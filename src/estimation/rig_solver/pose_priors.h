@@ -32,8 +32,8 @@ PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
 double CostOfPosePriors(const RigProblemBase& problem, const RigState& state);
 
 // Adds J^T W r, the diagonal of J^T W J, and the blocks of J^T W J that are in
-// the pattern. `matrix`: the values of the Schur complement, at the places of
-// the pattern.
+// the pattern. `matrix`: the values of the Schur complement, at the positions
+// of the pattern.
 void AddPosePriors(const RigProblemBase& problem, const RigStructure& structure,
                    const RigState& state, Eigen::VectorXd* gradient,
                    Eigen::VectorXd* diagonal, double* matrix);

@@ -56,8 +56,8 @@ bool PreconditionerPattern::Contains(int a, int b) const {
 
 namespace {
 
-// Chunks repeat each other's pairs. Adding up those of some chunks at a time
-// needs far less memory than those of all.
+// Chunks repeat each other's pairs. Summing the pairs of a few chunks at a time
+// needs far less memory than storing all pairs.
 constexpr size_t kNumChunksAtATime = 8;
 
 bool IsBefore(const WeightedPair& a, const WeightedPair& b) {
@@ -146,8 +146,8 @@ void PointPartitioner::WeighPairs(
     for (const std::vector<WeightedPair>& weights : of_chunks) {
       added.insert(added.end(), weights.begin(), weights.end());
     }
-    // A merge takes as long as there are sums. It waits for this share of new
-    // ones, which need memory meanwhile.
+    // A merge is linear in the number of sums. It waits until new pairs reach
+    // this fraction of them, to limit both time and memory.
     if (4 * added.size() > weights_.size()) {
       AddWeights(&added, &weights_);
     }
@@ -174,8 +174,8 @@ void PointPartitioner::Cut(int num_kept) {
   ParallelFor(s_.chunks.size(), num_threads_, cut_chunk, 1);
 }
 
-// Adds each observation to the first part whose blocks are all strong pairs
-// with its own.
+// Adds each observation to the first part whose blocks all are strong pairs
+// with its blocks.
 void PointPartitioner::CutPoint(const PreconditionerPattern& pattern,
                                 const ChunkRanges& chunk, size_t begin,
                                 size_t end) {

@@ -23,16 +23,16 @@ struct WeightedPair {
 // The weight of pairs that are always kept.
 constexpr int kInfiniteWeight = std::numeric_limits<int>::max();
 
-// The strongest edges of a graph of blocks: for each block, those to the
-// `num_kept` neighbors with the largest weights, and all of infinite weight.
-// Ties prefer neighbors with a close index. O(n log n) in the pairs.
+// The strongest edges of a graph of blocks: for each block, the edges to the
+// `num_kept` neighbors with the largest weights, and all edges of infinite
+// weight. Ties prefer neighbors with a close index. O(n log n) in the pairs.
 class PreconditionerPattern {
  public:
   // `pairs` are sorted and unique, without diagonal pairs.
   PreconditionerPattern(const std::vector<WeightedPair>& pairs, int num_blocks,
                         int num_kept);
 
-  // Whether two blocks are the same or a strong pair. O(log num_kept).
+  // Whether two blocks are equal or a strong pair. O(log num_kept).
   bool Contains(int a, int b) const;
 
  private:
@@ -42,20 +42,20 @@ class PreconditionerPattern {
 // Cuts points into parts, each observed only by images that share many points.
 // The Schur complement of the parts has few blocks and is cheap to factorize;
 // it is the preconditioner of the iterative solver (docs/maths/rig_solver.md).
-// Terms of two images are cut likewise. Border blocks are in all parts.
+// Terms of two images are cut in the same way. Border blocks are in all parts.
 class PointPartitioner {
  public:
   // Counts the points and terms that two blocks share. `structure` must have
-  // chunks without cuts, and outlive the cutter. `inseparable` are pairs that
+  // chunks without cuts and outlive this object. `inseparable` are pairs that
   // no cut may separate, sorted and unique. Linear in the observations and in
   // the pairs of blocks of chunks.
   PointPartitioner(bool points_are_free, const Mask& block_is_border,
                    const std::vector<BlockPairKey>& inseparable,
                    int num_threads, RigStructure* structure);
 
-  // Cuts such that all blocks of a part are strong pairs of `num_kept`
-  // neighbors. Sets observation_starts_part and term_is_cut,
-  // and sorts the observations of points by part.
+  // Cuts such that all blocks of a part are strong pairs for `num_kept`
+  // neighbors. Sets observation_starts_part and term_is_cut, and sorts the
+  // observations of points by part.
   void Cut(int num_kept);
 
  private:

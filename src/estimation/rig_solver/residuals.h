@@ -11,10 +11,9 @@
 
 namespace mgsfm {
 
-// The residuals r of a point x in the camera frame. Each is a struct
-// with
+// The residuals r of a point x in the camera frame. Each is a struct with
 //   Observation  the type in the problem
-//   Scalar       that of the measured values
+//   Scalar       the type of the measured values
 //   kDim         the dimension of r
 //   kHasCamera   whether r depends on camera parameters
 //   Measured()   the kDim measured values
@@ -29,9 +28,9 @@ struct PixelResidual {
 
   static const Scalar* Measured(const Observation& o) { return o.pixel.data(); }
 
-  // The function of the most common camera model, inlined. As a call, it
-  // takes a fifth of a join in little memory, as its results pass through
-  // memory (docs/results/constants.md).
+  // The projection of the most common camera model, inlined. As a call, it
+  // takes a fifth of the time of a join with little memory, because its results
+  // pass through memory (docs/results/constants.md).
   static MGSFM_ALWAYS_INLINE bool ProjectByPinhole(const double* params,
                                                    const double* x,
                                                    const Scalar* measured,

@@ -19,11 +19,11 @@ namespace {
 // Inexact steps converge almost as fast as exact ones. A step takes 17 products
 // on average (docs/results/constants.md).
 constexpr double kConjugateGradientTolerance = 1e-2;
-// Sections of the values of the Schur complement; chunks are merged into
-// several at a time. Enough for some tens of threads.
+// Sections of the values of the Schur complement. Chunks are merged into
+// several sections concurrently; 32 suffice for some tens of threads.
 constexpr size_t kNumSections = 32;
 
-// The part of a pose block of z; zero if the block is constant.
+// The elements of z for a pose block; zero if the block is constant.
 PoseVector PosePart(const RigStructure& structure, const Eigen::VectorXd& z,
                     int block) {
   PoseVector part = PoseVector::Zero();
@@ -34,7 +34,7 @@ PoseVector PosePart(const RigStructure& structure, const Eigen::VectorXd& z,
   return part;
 }
 
-// The squared length of the state, over all poses that are not constant.
+// The squared norm of the state over all poses that are not constant.
 double SquaredLength(const RigStructure& structure, const RigState& state) {
   double length = 0.0;
   for (size_t i = 0; i < state.frames.size(); ++i) {
@@ -111,7 +111,7 @@ double RigEquationsBase::Cost() {
 
 bool RigEquationsBase::Linearize(double lambda) {
   lambda_ = lambda;
-  // Not before the caller could free the observations.
+  // Allocated here so that the caller can free the observations first.
   matrix_.Allocate(structure_);
   matrix_.SetZero();
   gradient_.setZero();
@@ -184,7 +184,7 @@ void RigEquationsBase::MergeVectors(const ChunkRanges& chunk,
 
 void RigEquationsBase::DampMatrix() {
   for (Eigen::Index i = 0; i < diagonal_.size(); ++i) {
-    // A held coordinate has a zero row and column.
+    // A constant coordinate has a zero row and column.
     matrix_.Diagonal(i) +=
         diagonal_[i] > 0.0 ? lambda_ * ClampDiagonal(diagonal_[i]) : 1.0;
   }

@@ -32,8 +32,8 @@ namespace mgsfm {
 // (with shortened steps of single points, see rig_solver.h) and evaluates the
 // new cost. Both compute the derivatives, which is faster than storing them; V
 // and W are never stored. The Schur complement is factorized. If that is too
-// expensive, the matrix is applied without being formed, and that of cut points
-// is the preconditioner (docs/maths/rig_solver.md).
+// expensive, the matrix is applied without being formed, and the Schur
+// complement of cut points is the preconditioner (docs/maths/rig_solver.md).
 class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,

@@ -14,18 +14,18 @@
 
 namespace mgsfm {
 
-// Least squares over rigs, points and cameras, without scene: flat arrays that
-// refer to each other by dense positions. A solver needs nothing else.
+// Least squares over rigs, points and cameras, independent of a scene: flat
+// arrays that refer to each other by dense indices.
 
 // Changes of a pose have six coordinates: a rotation vector w, then a
 // translation d.
 //   frame (R, c):   R <- Exp(w) R,  c <- c + d    (c: center in the world)
 //   sensor (S, t):  S <- Exp(w) S,  t <- t + d
-// With the center, turning a frame does not move it, however far it is from
-// the origin.
+// With the center as coordinate, rotating a frame does not move it, however far
+// it is from the origin.
 using PoseVector = Eigen::Matrix<double, 6, 1>;
 
-// 1 for coordinates that may change, 0 for those that are held.
+// 1 for free coordinates, 0 for constant ones.
 using PoseMask = PoseVector;
 
 struct FramePose {
@@ -35,7 +35,7 @@ struct FramePose {
 
 using CameraParams = std::array<double, kMaxNumCameraParams>;
 
-// All that a solve may change.
+// Everything that a solve may change.
 struct RigState {
   std::vector<FramePose> frames;
   std::vector<Rigid3> sensors;  // sensor_from_rig
@@ -43,8 +43,8 @@ struct RigState {
   std::vector<Eigen::Vector3d> points;
 };
 
-// An image sees the point p at x = S R (p - c) + t in its camera. Its residual
-// is Project(K, x) - pixel,
+// Image i sees the point p at x = S R (p - c) + t in its camera frame. The
+// residual is Project(K, x) - pixel,
 struct PixelObservation {
   int image = 0;
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();  // as in Image
@@ -56,10 +56,10 @@ struct RayObservation {
   Eigen::Vector3d ray = Eigen::Vector3d::Zero();  // unit, in the camera
 };
 
-// A residual on the baseline C = c_2 - c_1 of two images, whose centers are
-// c_i = c - (S R)^T t, with its length smoothed to
-// L = sqrt(|C|^2 + min_length^2), so that the residual is defined everywhere
-// and its derivative bounded. All rotations of the problem must be held.
+// A residual on the baseline C = c_2 - c_1 of two images, whose centers are c_i
+// = c - (S R)^T t, with its length smoothed to L = sqrt(|C|^2 + min_length^2),
+// so that the residual is defined everywhere and its derivative is bounded. All
+// rotations of the problem must be constant.
 struct BaselineTerm {
   enum class Kind {
     kDirection,  // weight (C / L - direction)
@@ -96,8 +96,8 @@ struct PositionPrior {
   Eigen::Matrix3d sqrt_information = Eigen::Matrix3d::Identity();
 };
 
-// The direction of gravity in an image, as measured: the residual
-// (S R down - direction) / sigma_rad, both unit vectors.
+// The measured direction of gravity in an image: the residual (S R down -
+// direction) / sigma_rad of two unit vectors.
 struct GravityPrior {
   int image = 0;
   Eigen::Vector3d direction = Eigen::Vector3d::UnitY();  // in the camera
@@ -105,8 +105,8 @@ struct GravityPrior {
   double sigma_rad = 1.0;
 };
 
-// The pose of a sensor, as given: the residuals
-// factor (Log(S S_0^T) / sigma_rad, (t - t_0) / sigma_length).
+// The given pose of a sensor: the residuals factor (Log(S S_0^T) / sigma_rad,
+// (t - t_0) / sigma_length).
 struct SensorPrior {
   int sensor = 0;
   Rigid3 sensor_from_rig;
@@ -144,19 +144,19 @@ struct RigProblemBase {
   std::vector<SensorPrior> sensor_priors;
   std::vector<BaselineTerm> baselines;
   std::vector<LinearTerm> linear_terms;
-  // The rotation S R of each image, for problems in which only the products of
-  // the rotations of sensors and frames are known; both must be held then. If
-  // empty, rotations are those of the state.
+  // The rotation S R of each image, for problems in which only products of
+  // sensor and frame rotations are known; both must then be constant. If empty,
+  // the state provides the rotations.
   std::vector<Eigen::Matrix3d> held_cam_from_world;
-  // Point p has the observations point_begin[p] to point_begin[p + 1] - 1, of
-  // which any number may be in one image.
+  // Point p has the observations point_begin[p] to point_begin[p + 1] - 1.
+  // Several of them may be in one image.
   std::vector<size_t> point_begin = {0};
   bool points_are_free = true;
   RobustLoss loss = {RobustLossType::kHuber, 1.0};
   // A free point with n observations absorbs 3 of their 2 n degrees of freedom,
-  // so that its residuals are smaller than those of its true place by
-  // sqrt((2 n - 3) / (2 n)) in the root mean square. If set, the scale of the
-  // loss of its observations is smaller by the same factor.
+  // which reduces the root mean square of its residuals by the factor sqrt((2 n
+  // - 3) / (2 n)). If set, the scale of the loss of its observations is smaller
+  // by the same factor.
   bool loss_follows_freedom = false;
   RobustLoss position_loss;  // of position_priors
   RobustLoss gravity_loss;   // of gravity_priors
@@ -179,9 +179,10 @@ inline RobustLoss RigProblemBase::LossOfPoint(size_t num_observations) const {
 //           + 1/2 sum_l r_l^2 + 1/2 sum_k ((K_k - value_k) / sigma_k)^2
 //           + 1/2 sum_g rho_g(|r_g|^2) + 1/2 sum_s |r_s|^2
 //
-// over what the masks free: o observations, b baseline terms, l
-// linear terms, k priors of parameters, g of positions and of gravity with
-// their losses rho_g, s of sensors; rho is the loss, rho_o that of the point.
+// over the coordinates that masks leave free: o observations, b baseline terms,
+// l linear terms, k priors of parameters, g of positions and of gravity with
+// their losses rho_g, s of sensors; rho is the loss, rho_o the loss of the
+// point.
 template <class Observation>
 struct RigProblem : RigProblemBase {
   std::vector<Observation> observations;

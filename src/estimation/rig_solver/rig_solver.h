@@ -24,9 +24,10 @@ enum class ReducedSolver {
 // Damping. Let gamma be the ratio of actual to predicted decrease. A step is
 // accepted if gamma > 1e-3. Then lambda is multiplied by 1 - (2 gamma - 1)^3
 // but at least by mu, with mu = 1/3. Otherwise lambda is multiplied by 2, 4, 8,
-// ... (Nielsen 1999, "Damping parameter in Marquardt's method"). Unlike there,
-// mu is 1/3, 1/9, 1/27, ... for consecutive steps that are as good as
-// predicted: the low-frequency deformations of long drives need a small lambda.
+// ... (Nielsen 1999, "Damping parameter in Marquardt's method"). Unlike in
+// Nielsen's rule, mu is 1/3, 1/9, 1/27, ... for consecutive steps that are as
+// good as predicted: the low-frequency deformations of long drives need a small
+// lambda.
 //
 // Long steps of points. A point whose step exceeds a tenth of its distance from
 // the closest camera takes the first of 1, 1/2, ..., 1/64 of its step that does
@@ -46,7 +47,7 @@ enum class ReducedSolver {
 // iteration: linear in the observations, for each point quadratic in the number
 // of frames that observe it, and the factorization, or some tens of passes over
 // the observations. Memory: about 13 bytes per observation and 60 per point,
-// and 50 more of each if kIterative; plus the matrix and its factor.
+// and 50 more for each if kIterative; plus the matrix and its factor.
 struct RigSolverOptions {
   int max_num_iterations = 100;
   double function_tolerance = 1e-6;
@@ -55,7 +56,7 @@ struct RigSolverOptions {
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
 
-// Solves a problem repeatedly. Its structure is analyzed once; between solves,
+// Solves a problem repeatedly. The structure is analyzed once; between solves,
 // the values of the loss, baselines, linear terms and priors may change. On
 // kFailure, the state does not change. Checks for interruption in each
 // iteration.
@@ -63,7 +64,7 @@ template <class Observation>
 class RigSolver {
  public:
   // The problem must outlive the solver. The native backend copies observations
-  // and point_begin, so that the caller may free them then.
+  // and point_begin, so that the caller may free them afterward.
   RigSolver(const RigProblem<Observation>& problem,
             const RigSolverOptions& options, const Context& context);
   ~RigSolver();

@@ -138,13 +138,13 @@ Mask ChooseBorder(const RigProblemBase& problem, const RigStructure& s) {
   Mask is_border(NumBlocks(s), false);
   for (const int block : candidates) {
     // Extrinsics and intrinsics are eliminated last if all of them together are
-    // small, or each of them meets many frames. Only the fill depends on it.
+    // small, or if each is connected to many frames. This affects only fill-in.
     is_border[block] = size <= 200 || num_images[block] >= 64;
   }
   return is_border;
 }
 
-// The pairs of blocks of a chunk that meet, by their positions in the chunk.
+// The connected pairs of blocks of a chunk, by their positions in the chunk.
 Pairs PairsOfChunk(const RigStructure& s, const ChunkRanges& chunk,
                    bool points_are_free) {
   const size_t num_blocks = chunk.blocks.size();
@@ -235,7 +235,7 @@ Pairs UnitePairs(const RigProblemBase& problem, const RigStructure& s,
   return all;
 }
 
-// The elimination order of the blocks that are not border, as a graph with one
+// The elimination order of the blocks outside the border, as a graph with one
 // node per block.
 EliminationOrder OrderGraph(const RigStructure& s, const Mask& is_border,
                             const Pairs& pairs) {
@@ -262,9 +262,9 @@ EliminationOrder OrderGraph(const RigStructure& s, const Mask& is_border,
 bool IsAffordable(const EliminationOrder& order, int pose_size,
                   size_t num_observations) {
   const double size = pose_size;
-  // The largest factor of the direct solver: 1.6 GB, and the operations of 0.1
-  // s of one core or about those of the 17 products per step that
-  // docs/results/constants.md counts.
+  // The largest factor of the direct solver: 1.6 GB, and as many operations as
+  // one core does in 0.1 s, or about those of 17 products per step
+  // (docs/results/constants.md).
   const double affordable =
       std::max(4e9, 2e4 * static_cast<double>(num_observations));
   return order.num_factor_entries * size * size <= 2e8 &&
@@ -293,7 +293,7 @@ Pairs InseparablePairs(const RigProblemBase& problem, const RigStructure& s,
   return pairs;
 }
 
-// The Schur complement before the blocks are placed.
+// The Schur complement before its blocks are ordered.
 struct ReducedGraph {
   std::vector<Pairs> pairs_of_chunks;
   Pairs pairs;
@@ -318,8 +318,8 @@ ReducedGraph MakePreconditionerGraph(const RigProblemBase& problem,
   PointPartitioner cutter(problem.points_are_free, is_border,
                           InseparablePairs(problem, *s, is_border), num_threads,
                           s);
-  // Each block has so many in the first preconditioner that is tried, and half
-  // as many each time its factor is too large.
+  // Neighbors per block in the first preconditioner. Their number is halved
+  // whenever the factor is too large.
   for (int num_kept = 64;; num_kept /= 2) {
     cutter.Cut(num_kept);
     ReducedGraph graph = MakeGraph(problem, *s, is_border, num_threads);
@@ -392,7 +392,7 @@ void PlaceChunk(Pairs pairs, ChunkRanges* chunk, RigStructure* s) {
   const int* blocks = s->chunk_blocks.data() + chunk->blocks.begin;
   chunk->pairs.begin = s->chunk_pairs.size();
   size_t num_values = 0;
-  // A chunk has a dense table of its blocks, which therefore are few.
+  // A chunk has a dense table of its blocks, so there must be few.
   MGSFM_CHECK_LE(chunk->blocks.size(), size_t{1} << 16);
   for (const BlockPairKey pair : pairs) {
     const int column = blocks[ColumnOf(pair)], row = blocks[RowOf(pair)];
@@ -410,7 +410,7 @@ void PlaceChunk(Pairs pairs, ChunkRanges* chunk, RigStructure* s) {
 RigStructure::RigStructure(const RigProblemBase& problem,
                            const std::vector<int>& image_of_observation,
                            ReducedSolver solver, int num_threads) {
-  // Observations are counted by 32 bits, to save memory.
+  // 32-bit observation indices save memory.
   MGSFM_CHECK_LT(image_of_observation.size(), size_t{1} << 32);
   pose_size = ChoosePoseSize(problem);
   NumberBlocks(problem, image_of_observation, this);

@@ -17,11 +17,11 @@ namespace mgsfm {
 // The structure of the reduced system of a rig problem, and its partition into
 // chunks: some thousand observations of nearby points, or baseline terms. A
 // chunk affects few blocks of unknowns. Its contribution is accumulated in a
-// small local system, which is then added to the common one. Chunks depend on
+// small local system, which is then added to the global one. Chunks depend on
 // the problem alone, so results do not depend on the number of threads.
 
-// Marks constant or unused elements in arrays of block indices. These are dense
-// ints because the kernels read them per observation.
+// Marks constant or unused elements in arrays of block indices. The indices are
+// dense ints because kernels read them for each observation.
 constexpr int kNoBlock = -1;
 
 // A range of positions in an array.
@@ -81,7 +81,7 @@ struct RigStructure {
   // Whether some coordinates of a pose block are constant.
   Mask block_is_masked;
 
-  // The pattern of the Schur complement. If the solver is iterative: of the
+  // The pattern of the Schur complement or, if the solver is iterative, of the
   // preconditioner, whose points are cut into parts and which lacks some terms.
   bool is_iterative = false;
   BlockPattern pattern;
@@ -92,8 +92,8 @@ struct RigStructure {
   std::vector<uint32_t> point_begin;        // in the new order
   std::vector<uint32_t> observation_order;  // may be cleared after use
   std::vector<uint16_t> observation_image;  // in the images of the chunk
-  // Per observation: whether it begins a part of its point other than the
-  // first. Empty if no point is cut.
+  // Per observation: whether it begins a new part of its point. Empty if no
+  // point is cut.
   Mask observation_starts_part;
   // Per term: whether its images are separated. Empty if no point is cut.
   Mask term_is_cut;

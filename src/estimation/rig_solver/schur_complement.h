@@ -20,7 +20,7 @@ class SchurComplement {
   // Allocates the matrix when first called.
   void Allocate(const RigStructure& structure);
 
-  // BlockPattern::Find() of the structure gives the places.
+  // BlockPattern::Find() of the structure returns the positions.
   double* values() { return matrix_.valuePtr(); }
   size_t num_values() const { return static_cast<size_t>(matrix_.nonZeros()); }
   void SetZero();

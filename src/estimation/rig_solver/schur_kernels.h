@@ -54,7 +54,7 @@ MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PointHessian& hessian,
 template <class R>
 MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PassInput<R>& in,
                                             const PointHessian& hessian) {
-  // Smaller pivots are rounding errors.
+  // Smaller pivots are due to rounding.
   constexpr double kMinRatio = 1e-15;
   const double* v = hessian.values;
   double D[3];
@@ -265,7 +265,7 @@ MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose, const Terms& o,
   }
 }
 
-// The rows of observation k of a point. False if the residual is undefined.
+// Computes the rows of observation k of a point. False if undefined.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
                                        const RobustLoss& loss,
@@ -280,7 +280,7 @@ MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
   return true;
 }
 
-// Adds the couplings of the blocks of an image to a point or a part of one.
+// Adds the couplings of the blocks of an image to a point or to a part of it.
 template <class R, int N, class Terms>
 MGSFM_ALWAYS_INLINE void AddCouplings(const ImagePose& pose,
                                       const ChunkImage& image, size_t point,
@@ -343,9 +343,9 @@ MGSFM_ALWAYS_INLINE void StoreTerms(const ImagePose& pose,
   }
 }
 
-// Adds the observations of a point to its images and its own equations, and
-// leaves its couplings in the workspace, as well as the terms of a cut point.
-// If not null, `kept` receives P and K of each observation (kept_size values).
+// Adds the observations of a point to its images and to its own equations.
+// Stores its couplings, and the terms of a cut point, in the workspace. If not
+// null, `kept` receives P and K of each observation (kept_size values).
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
                                         const ChunkRanges& chunk, size_t point,
@@ -526,7 +526,7 @@ MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
   constexpr double kNoGradient[3] = {0.0, 0.0, 0.0};
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
-  // Differs from the index of every point.
+  // Differs from every point index.
   const size_t part = s.point_order.size() + begin;
   PointHessian V;
   w->num_met = 0;

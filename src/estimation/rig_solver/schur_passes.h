@@ -14,9 +14,9 @@
 
 namespace mgsfm {
 
-// What a linearization keeps for MultiplyChunk besides the workspace, which
-// receives the local system of the chunk after elimination of its points
-// (images still separate).
+// The data that a linearization keeps for MultiplyChunk. The workspace receives
+// the local system of the chunk after elimination of its points (images are
+// still separate).
 struct KeptDerivatives {
   size_t num_values = 0;  // of an observation: P and K
   // Empty if products recompute the derivatives, or if there are none.
@@ -142,7 +142,7 @@ struct PointStep {
   double d[3] = {0.0, 0.0, 0.0};
   double g[3] = {0.0, 0.0, 0.0};
   PointHessian V;
-  // From the point to the closest camera that observes it.
+  // The squared distance from the point to the closest camera that observes it.
   double squared_distance = std::numeric_limits<double>::infinity();
 };
 
@@ -194,8 +194,8 @@ MGSFM_ALWAYS_INLINE PointStep StepOfPoint(const PassInput<R>& in,
 }
 
 // The linear model of a point is unreliable for steps beyond this fraction of
-// its distance. Reprojections are inversely proportional to depth, so for
-// shorter steps the model misses at most a tenth of their change.
+// its distance. Reprojections are inversely proportional to depth, so the
+// relative error of the model is at most a tenth for shorter steps.
 constexpr double kLongStep = 0.1;
 
 // Moves a point to old_point + fraction * d with the first fraction of 1, 1/2,
@@ -206,7 +206,7 @@ MGSFM_ALWAYS_INLINE double MovePoint(const double* old_point, const double* d,
                                      double bound, const Cost& cost_at,
                                      double* point) {
   double fraction = 1.0;
-  // A point whose step still fails at 1/64 stays for this iteration.
+  // A point whose step still fails at 1/64 does not move in this iteration.
   for (int i = 0; i <= 6; ++i, fraction *= 0.5) {
     for (int k = 0; k < 3; ++k) point[k] = old_point[k] + fraction * d[k];
     const double cost = cost_at(point);
@@ -266,7 +266,7 @@ MGSFM_TARGET_AVX2 StepSums StepChunkAvx2(
   return StepChunkBody(in, input, chunk, new_points);
 }
 
-// Sets the derivatives of observation k: those that were kept, or new ones.
+// Sets the derivatives of observation k: loads or recomputes them.
 template <class R>
 MGSFM_ALWAYS_INLINE void LoadDerivatives(const PassInput<R>& in,
                                          const RobustLoss& loss,
@@ -275,7 +275,7 @@ MGSFM_ALWAYS_INLINE void LoadDerivatives(const PassInput<R>& in,
                                          size_t k, ProductTerms* o) {
   constexpr int kDim = R::kDim;
   if (kept == nullptr) {
-    // Linearize() has succeeded with this state.
+    // Cannot fail: Linearize() has succeeded with this state.
     LinearizeObservation<R>(loss, pose, in.points[p].data(),
                             in.measured.data() + kDim * k, o);
   } else {

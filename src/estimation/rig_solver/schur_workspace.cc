@@ -26,7 +26,7 @@ Eigen::Matrix<double, N, N> FrameColumns(const ImagePose& pose,
   return columns * mask.template tail<N>().asDiagonal();
 }
 
-// Maps the columns of an image to those of its blocks.
+// Maps the columns of an image to the columns of its blocks.
 template <int N>
 class ImageBlocks {
  public:

@@ -22,8 +22,8 @@ constexpr int kCouplingSize = 3 * kMaxNumCameraParams;
 constexpr int kNoPair = -1;
 
 // An observation in a product with the Schur complement, or of a cut point: its
-// derivatives, J by the point, and the change u of its residual. Rows have
-// their own length.
+// derivatives, with J with respect to the point, and the change u of its
+// residual. Rows have their own length.
 struct ProductTerms {
   double y[3];
   double residual[3];
@@ -33,8 +33,9 @@ struct ProductTerms {
   double u[3];
 };
 
-// The local system of one chunk, with temporaries for its points. Blocks are
-// those of the chunk. Symmetric matrices are stored completely, column-major.
+// The local system of one chunk, with temporaries for its points. It contains
+// the blocks of the chunk. Symmetric matrices are stored completely,
+// column-major.
 struct SchurWorkspace {
   explicit SchurWorkspace(const RigStructure& structure);
 
@@ -85,8 +86,8 @@ struct SchurWorkspace {
 
 constexpr int kMaxNumImageColumns = 6 + kMaxNumCameraParams;
 
-// Adds the products of images to the local system. Columns of frames follow
-// from those of images by the adjoint of sensor_from_rig.
+// Adds the products of images to the local system. The adjoint of
+// sensor_from_rig maps image columns to frame columns.
 void AddImagesToSystem(const RigProblemBase& problem,
                        const RigStructure& structure, const ChunkRanges& chunk,
                        const std::vector<ImagePose>& poses,

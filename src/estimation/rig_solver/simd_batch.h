@@ -5,7 +5,7 @@
 
 namespace mgsfm {
 
-// A vector of N doubles. Uses vector registers explicitly where possible.
+// A vector of N doubles. Uses vector registers explicitly if possible.
 template <int N>
 struct SimdBatch {
   double values[N];

@@ -28,8 +28,7 @@ size_t FindTruncatedMedoid(const std::vector<Quaterniond>& samples,
                            const std::vector<double>& weights,
                            double truncation_rad) {
   const size_t size = samples.size();
-  // Bound the quadratic cost of the medoid that starts the iteration: 2e5
-  // angles.
+  // Bounds the quadratic cost of the initial medoid to 2e5 angles.
   const size_t voter_stride = Stride(size, 2000);
   size_t best = 0;
   double best_cost = std::numeric_limits<double>::infinity();
@@ -67,8 +66,8 @@ Vector3d WeiszfeldStep(const Quaterniond& rotation,
   for (size_t i = 0; i < samples.size(); ++i) {
     const Vector3d v = LogSO3(inverse * samples[i]);
     const double distance = v.norm();
-    // Samples closer to the estimate coincide with it. Below the step
-    // tolerance, and above the rounding errors of a logarithm.
+    // Samples closer to the estimate coincide with it. The bound is below the
+    // step tolerance and above the rounding errors of a logarithm.
     if (distance <= 1e-11) {
       weight_here += weights[i];
       continue;
@@ -104,7 +103,7 @@ GeodesicMedian FindGeodesicMedian(const std::vector<Quaterniond>& samples,
       samples[FindTruncatedMedoid(samples, weights, truncation_rad)];
   summary.initial_cost = SumOfDistances(median.rotation, samples, weights);
   summary.termination = Termination::kMaxIterations;
-  // Weiszfeld's algorithm converges linearly, slowly near a sample.
+  // Weiszfeld's algorithm converges linearly, and slowly near a sample.
   while (summary.num_iterations < 500) {
     ++summary.num_iterations;
     const Vector3d step = WeiszfeldStep(median.rotation, samples, weights);

@@ -34,8 +34,8 @@ void GravityWeighting::AdjustScale(const std::vector<double>& angles,
   }
   const double edge_sigma =
       unit_norms.empty() ? 0.0 : RobustSigma<3>(std::move(unit_norms));
-  // The residuals of a chain are zero, whatever the errors of its edges. The
-  // lower limit lets gravity act on a chain all the same.
+  // A chain has zero residuals, whatever the errors of its edges. The lower
+  // limit lets gravity affect a chain nevertheless.
   const double ratio = std::max(0.1, edge_sigma / sigma);
   variance_ratio_ = ratio * ratio;
   // The last scale of the loss keeps 99 % of the normal gravity priors:
@@ -58,7 +58,7 @@ const GravityValues& GravityWeighting::Next(
   const RobustLoss loss = {RobustLossType::kGemanMcClure, scale_rad_};
   values_.weights.clear();
   for (const Vector3d& residual : values_.residuals) {
-    // Keeps outliers from making the equations singular; too small to matter.
+    // Keeps the equations regular in spite of outliers; otherwise negligible.
     values_.weights.push_back(
         variance_ratio_ * std::max(1e-6, loss.Weight(residual.squaredNorm())));
   }

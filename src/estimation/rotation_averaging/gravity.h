@@ -10,21 +10,21 @@
 
 namespace mgsfm {
 
-// Weights of gravity terms relative to edges. A term has the weight
-// (sigma_e / sigma_g)^2 rho'. sigma_g is the standard deviation of the priors
-// per axis: gravity_sigma_rad, or the robust one of the residuals if that is
-// larger. sigma_e is that of edges of weight 1, at least sigma_g / 10. rho is
-// the loss of Geman and McClure; its scale starts at 20 deg, or 6 sigma_g if
-// that is larger, and is multiplied by 0.7 in each step down to 3 sigma_g.
-// Scale and sigmas are final once that is reached and the scale of the edges is
-// final.
+// Weights of gravity terms relative to edges. A term has the weight (sigma_e /
+// sigma_g)^2 rho'. sigma_g is the standard deviation of the priors per axis:
+// gravity_sigma_rad, or the robust estimate from the residuals if larger.
+// sigma_e is the standard deviation of edges of weight 1, at least sigma_g /
+// 10. rho is the loss of Geman and McClure; its scale starts at 20 deg, or 6
+//     sigma_g if larger, and is multiplied by 0.7 in each step down to 3
+//     sigma_g. Scale and sigmas are final once 3 sigma_g is reached and the
+//     scale of the edges is final.
 class GravityWeighting {
  public:
   explicit GravityWeighting(const RotationProblem& problem)
       : problem_(problem), is_final_(problem.gravity.empty()) {}
 
-  // Residuals and weights for the next step. `edge_norms`: the norms of the
-  // residuals of all edges, radians.
+  // Residuals and weights for the next step. `edge_norms`: the residual norms
+  // of all edges (radians).
   const GravityValues& Next(const RotationState& state,
                             const std::vector<double>& edge_norms,
                             bool edges_are_final);

@@ -9,9 +9,8 @@
 
 namespace mgsfm {
 
-// One motion of a rig as two of its sensors a and b measured it, as angle-axis
-// vectors: alpha = X beta with X = a_from_b, because Exp(alpha) = X Exp(beta)
-// X^T.
+// One motion of a rig, measured by its sensors a and b as angle-axis vectors:
+// alpha = X beta with X = a_from_b, because Exp(alpha) = X Exp(beta) X^T.
 struct MotionPair {
   Eigen::Vector3d alpha;
   Eigen::Vector3d beta;
@@ -21,9 +20,9 @@ struct HandEyeResult {
   Eigen::Quaterniond a_from_b = Eigen::Quaterniond::Identity();
   double median_error_rad = 0.0;  // of |alpha - X beta|
   // Root mean square of the rotations about the second of three principal axes.
-  // X is determined only if it is well above zero (Park, Martin 1994).
+  // X is determined only if this value is well above zero (Park, Martin 1994).
   double second_axis_rms_rad = 0.0;
-  // Standard deviation of X about its least certain axis, by the two values
+  // Standard deviation of X about its least certain axis, from the two values
   // above.
   double uncertainty_rad = 0.0;
   SolveSummary summary;

@@ -125,7 +125,7 @@ ImageRotations AverageImages(const Input& input, SolveSummary* summary) {
 }
 
 // Step 2. With the joint strategy, step 4 determines the sensors that pairs
-// within frames do not.
+// within frames do not determine.
 SensorRotations EstimateSensors(const Input& input,
                                 const ImageRotations& images) {
   SensorRotations sensors =
@@ -154,7 +154,7 @@ RotationState MakeState(const SensorFromRig& sensor_from_rig) {
   return state;
 }
 
-// Step 3. Pairs within a frame do not constrain frames; their errors would
+// Step 3. Pairs within a frame do not constrain frames, and their errors would
 // distort the scale of the loss.
 SolveSummary AverageFrames(const Input& input, const RotationProblem& problem,
                            RotationState* state) {
@@ -204,8 +204,8 @@ RotationProblem RefineJointly(const Input& input, PairProblem pairs,
   return std::move(pairs.problem);
 }
 
-// Judges all pairs, also those that step 5 removed. Components that were solved
-// separately have no common world in which a pair between them could be judged.
+// Tests all pairs, including those that step 5 removed. Components that were
+// solved separately have no common world in which to test a pair between them.
 Mask FindInliers(const Input& input, const PairProblem& pairs,
                  const RotationProblem& kept, const RotationState& state,
                  std::optional<double>* median_error_deg) {

@@ -10,17 +10,17 @@
 
 namespace mgsfm {
 
-// An estimate whose inliers are some of the pairs. Frames are numbered anew by
-// the components these pairs connect (mgsfm/scene/estimates.h). A frame that
-// no such pair connects with another loses its rotation, and the pairs within
-// it are no inliers. Rotations of sensors stay.
+// An estimate whose inliers are some of the pairs. Frames are renumbered by the
+// components that these pairs connect (mgsfm/scene/estimates.h). A frame that
+// no such pair connects with another frame loses its rotation, and the pairs
+// within it are not inliers. Rotations of sensors do not change.
 [[nodiscard]] RotationEstimate RestrictToPairs(const Scene& scene,
                                                const ViewGraph& view_graph,
                                                const Mask& pair_is_kept,
                                                RotationEstimate estimate);
 
-// Sets what a summary says of an estimate: its number of components, the
-// numbers of pairs, and the agreement with gravity priors.
+// Sets the fields of a summary that describe an estimate: the numbers of
+// components and pairs, and the agreement with gravity priors.
 void SummarizeEstimate(const Scene& scene, const ViewGraph& view_graph,
                        const RotationEstimate& estimate,
                        const GravityPriors& gravity,

@@ -13,7 +13,7 @@ namespace mgsfm {
 
 // Columns of the unknowns; nullopt for fixed nodes and sensors. The first node
 // of each connected component is fixed. In a component with gravity terms, only
-// its rotation about gravity is.
+// its rotation about gravity is fixed.
 struct RotationUnknowns {
   std::vector<std::optional<int>> column_of_node;
   int num_node_columns = 0;

@@ -61,8 +61,8 @@ EstimatedRotations NothingToAverage(const RotationInput& input,
   return result;
 }
 
-// Rotations by the pairs of a skeletal graph alone. They are only a start, so
-// their warnings and progress would mislead.
+// Rotations from the pairs of a skeletal graph alone. They are only initial
+// values, so warnings and progress would be misleading.
 RotationEstimate AverageSkeleton(const RotationInput& input,
                                  const Mask& is_in_skeleton,
                                  const RotationAveragingOptions& options,
@@ -112,7 +112,7 @@ Mask PairsWithUnknownSensor(const Scene& scene, const ViewGraph& view_graph,
   return has_unknown;
 }
 
-// The reasons of pairs that no filter rejected but the estimate does not keep.
+// Rejection reasons of pairs that no filter rejected but the estimate lacks.
 void RejectByEstimate(const FramePairIndex& index,
                       const RotationEstimate& estimate,
                       PairVerdicts* verdicts) {
@@ -132,7 +132,7 @@ struct AveragedRotations {
   std::optional<std::string> gravity_rejection;
 };
 
-// Gravity priors that contradict the pairs are ignored.
+// Ignores gravity priors that contradict the pairs.
 AveragedRotations AverageWithGravity(const RotationInput& input,
                                      const Mask& is_used,
                                      const RotationEstimate* start,

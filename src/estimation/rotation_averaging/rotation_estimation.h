@@ -21,7 +21,7 @@ struct RotationInput {
   const ViewGraph& view_graph;
   const FramePairIndex& index;  // of the view graph
   const GravityPriors& gravity = kNoGravity;
-  // The verdicts of earlier rules, per pair; empty: no pair is rejected.
+  // The verdicts of earlier rules, per pair; empty if no pair is rejected.
   PairVerdicts verdicts = {};
 };
 
@@ -34,7 +34,7 @@ struct EstimatedRotations {
   RotationEstimate estimate;
   RotationSummary summary;
   PairVerdicts verdicts;  // per pair; nullopt for the inliers of the estimate
-  // Why gravity priors were not used; nullopt if they were.
+  // Why gravity priors were not used; nullopt if they were used.
   std::optional<std::string> gravity_rejection;
 };
 
@@ -49,10 +49,10 @@ struct EstimatedRotations {
 //   -> reject other unsupported bridges -> number components.
 //
 // Gravity priors take part in the second averaging only. They are rejected if
-// they cost more than 5 % of the pairs that agree without them: wrong priors
-// would disconnect the frames. Without any relative pose the estimate contains
-// nothing but known sensors, and a warning says so.
-// Pairs that earlier rules rejected (moving_objects.h) take no part.
+// more than 5 % of the pairs that agree without them disagree with them: wrong
+// priors would disconnect the frames. Without any relative pose, the estimate
+// contains only known sensors, and a warning is logged. Pairs that earlier
+// rules rejected (moving_objects.h) take no part.
 [[nodiscard]] EstimatedRotations EstimateRotations(
     const RotationInput& input, const RotationOptions& options,
     const Context& context);

@@ -102,7 +102,7 @@ void ChainAlong(const std::vector<NodeRotation>& merged,
   }
 }
 
-// Parts of a graph, with rotations of their nodes in a world of each part.
+// Parts of a graph. Each has a world of its own for the rotations of its nodes.
 class Parts {
  public:
   Parts(const std::vector<NodeRotation>& merged,
@@ -123,8 +123,8 @@ class Parts {
     }
   }
 
-  // Joins the parts of two nodes by the median of all rotations between them: a
-  // single one is wrong as often as any pair.
+  // Joins the parts of two nodes by the median of all rotations between them,
+  // because a single one may be an outlier.
   void Join(int node1, int node2, double max_error_rad) {
     int larger = part_of_node_[node1], smaller = part_of_node_[node2];
     if (nodes_of_part_[larger].size() < nodes_of_part_[smaller].size()) {

@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// Known start rotations, in one world for each connected component.
+// Known initial rotations, in one world per connected component.
 struct NodeStart {
   std::vector<std::optional<Eigen::Quaterniond>> rotations;  // per node
   std::vector<std::optional<int>> components;                // per node
@@ -22,13 +22,13 @@ struct NodeStart {
 };
 
 // Start values of the nodes for given sensors. All edges between the same two
-// nodes are merged into their weighted geodesic median; its support is the sum
-// over the edges within `max_error_rad` of it. The merged rotations are chained
-// along a spanning forest of maximum support; the root of each tree gets the
-// identity. Relative rotations that `start` knows replace the merged ones. The
-// parts that they connect, such as the images of sensors without overlap, are
-// joined in the order of the forest, each two by the weighted geodesic median
-// of all merged rotations between them.
+// nodes are merged into their weighted geodesic median; the support is the sum
+// over the edges within `max_error_rad` of the median. The merged rotations are
+// chained along a spanning forest of maximum support; the root of each tree
+// gets the identity. Relative rotations between nodes of `start` replace merged
+// ones. The parts that they connect, such as the images of sensors without
+// overlap, are joined in the order of the forest, each time by the weighted
+// geodesic median of all merged rotations between two parts.
 void InitializeNodes(const RotationProblem& problem, double max_error_rad,
                      const NodeStart& start, RotationState* state);
 

@@ -67,7 +67,7 @@ RotationEdge MakeEdge(const ImagePair& pair,
   const double share =
       std::min(1.0, edge.support / static_cast<double>(options.inlier_cap));
   edge.weight = std::sqrt(share);
-  // The inverse variance if matches err independently.
+  // The inverse variance for matches with independent errors.
   edge.final_weight = share;
   return edge;
 }

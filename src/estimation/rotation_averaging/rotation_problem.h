@@ -16,8 +16,8 @@
 namespace mgsfm {
 
 // The averaging problem without ids, frames or images: nodes with rotations G_n
-// and sensors with rotations S_k, some of them unknown. Frames of rigs are one
-// instance. Single images, all by one sensor with S = I, are another.
+// and sensors with rotations S_k, some of them unknown. Nodes are either frames
+// of rigs, or single images with one common sensor S = I.
 
 // A measured rotation R of camera 2 (sensor2 at node2) from camera 1.
 struct RotationEdge {
@@ -61,17 +61,18 @@ struct RotationState {
 //
 // Jr and Jl the right and left Jacobians of SO(3), Jl(e) = Jr(-e). The solvers
 // replace both by the identity. The gradient of |e|^2 is still exact, because
-// Jr^-T(e) e = Jl^-T(e) e = e, so the minimum is that of the exact problem, and
-// the node block of the normal equations is a scalar graph Laplacian.
+// Jr^-T(e) e = Jl^-T(e) e = e. The minimum is thus the minimum of the exact
+// problem, and the node block of the normal equations is a scalar graph
+// Laplacian.
 Eigen::Vector3d RotationResidual(const RotationEdge& edge,
                                  const RotationState& state);
 
-// The shortest rotation e of the world that takes the gravity v = (S G)^-1 u of
+// The shortest rotation e of the world that maps the gravity v = (S G)^-1 u of
 // a prior u to y: e = angle (v x y) / |v x y|, radians.
 //
 // If R = S G moves to R Exp(a), a as above, v becomes Exp(-a) v, and to first
 // order e becomes e + P a with P = diag(1, 0, 1): rotations about gravity do
-// not change it. The gradient of |e|^2 / 2 by a is exactly e.
+// not change it. The gradient of |e|^2 / 2 with respect to a is exactly e.
 Eigen::Vector3d GravityResidual(const GravityTerm& term,
                                 const RotationState& state);
 
@@ -96,8 +97,8 @@ struct PairProblem {
 // Per sensor; nullopt: unknown.
 using SensorFromRig = std::vector<std::optional<Eigen::Quaterniond>>;
 
-// Nodes are images, all by one sensor whose rotation is the identity. With the
-// joint strategy only pairs within a frame are edges.
+// Nodes are images with one common sensor whose rotation is the identity. With
+// the joint strategy, only pairs within a frame are edges.
 PairProblem BuildImageProblem(const Scene& scene, const ViewGraph& view_graph,
                               const Mask& pair_is_used,
                               const RotationAveragingOptions& options);
@@ -107,14 +108,14 @@ PairProblem BuildImageProblem(const Scene& scene, const ViewGraph& view_graph,
 bool IsUsable(const Scene& scene, const ImagePair& pair,
               const SensorFromRig& sensor_from_rig);
 
-// Nodes are frames. Edges are the usable ones of the pairs used; all sensors
+// Nodes are frames. Edges are the usable ones among the used pairs; all sensors
 // are fixed.
 PairProblem BuildFrameProblem(const Scene& scene, const ViewGraph& view_graph,
                               const Mask& pair_is_used,
                               const SensorFromRig& sensor_from_rig,
                               const RotationAveragingOptions& options);
 
-// The problem without the edges from a node to itself.
+// The problem without self-loops.
 RotationProblem WithoutLoops(const RotationProblem& problem);
 
 // The problem of the edges whose residual is at most max_error_rad.

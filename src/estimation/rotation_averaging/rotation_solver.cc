@@ -66,7 +66,7 @@ double RobustCost(const RotationProblem& problem,
   return sum;
 }
 
-// Solves one linearized L1 problem after the other with one factorization.
+// Solves a sequence of linearized L1 problems with one factorization.
 class L1Steps {
  public:
   L1Steps(const RotationProblem& problem, const RotationUnknowns& unknowns,
@@ -79,7 +79,7 @@ class L1Steps {
                     const Context& context, RotationStep* step) {
     AdmmOptions options;
     options.context = context;
-    // L1 averaging is only a start, so its steps are solved roughly.
+    // L1 averaging only initializes, so its steps are solved roughly.
     options.max_num_iterations = 300;
     options.relative_tolerance = 1e-3;
     for (size_t row = 0; row < edges_.size(); ++row) {
@@ -162,7 +162,7 @@ SolveSummary AverageL1(const RotationProblem& problem,
     ApplyStep(unknowns, step, state);
     ComputeResiduals(problem, *state, context.num_threads, &residuals);
     summary.final_cost = SumOfNorms(problem, residuals);
-    // As a start, it may stop far above step_tolerance_deg.
+    // As an initialization, it may stop far above step_tolerance_deg.
     if (RootMeanSquare(step.nodes) <= DegToRad(0.05)) {
       summary.termination = Termination::kConverged;
       break;

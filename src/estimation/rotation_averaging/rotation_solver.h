@@ -21,7 +21,7 @@ namespace mgsfm {
 // the target; from then on it is final.
 class RobustScaleSchedule {
  public:
-  // The loss for the next iteration, given all norms of the residuals, radians.
+  // The loss for the next iteration, given the residual norms (radians).
   RobustLoss Next(const std::vector<double>& norms);
   bool IsFinal() const { return is_final_; }
   double scale_rad() const { return scale_rad_; }
@@ -43,18 +43,18 @@ SolveSummary AverageL1(const RotationProblem& problem,
 // Minimizes sum w rho(|e|^2) / 2 over nodes and free sensors by re-weighted
 // Gauss-Newton steps (rotation_equations.h), with gravity terms weighted as in
 // gravity.h. Stops when all rotations change by at most step_tolerance_deg at
-// the final scale, or after max_num_iterations. Both costs of the summary are
-// those of the edges at the final scale. After a failure the state is that of
-// the last successful step.
+// the final scale, or after max_num_iterations. Both costs in the summary are
+// those of the edges at the final scale. After a failure, the state is the
+// result of the last successful step.
 SolveSummary AverageRobust(const RotationProblem& problem,
                            const RotationAveragingOptions& options,
                            const Context& context, RotationState* state);
 
 // Initialization by a spanning forest (rotation_initialization.h), AverageL1()
 // and AverageRobust(), whose summary is returned. If the L1 step fails,
-// AverageRobust() continues from its last state. With a start the L1 step is
-// skipped: it would lose the start, because it converges to the majority from
-// anywhere, while the robust step stays close.
+// AverageRobust() continues from its last state. With a start, the L1 step is
+// skipped: it converges to the majority from any start, while the robust step
+// stays close.
 SolveSummary AverageNodes(const RotationProblem& problem,
                           const NodeStart& start,
                           const RotationAveragingOptions& options,

@@ -18,10 +18,10 @@ namespace {
 
 using Eigen::Quaterniond;
 
-// Larger rotations are excluded from hand-eye calibration: near 180 deg a small
-// error flips the sign of their logarithm.
+// Larger rotations are excluded from hand-eye calibration: near 180 deg, a
+// small error flips the sign of the logarithm.
 constexpr double kMaxMotionRad = DegToRad(150.0);
-// Evenly spaced frames are taken from longer sequences. Bounds the quadratic
+// Number of evenly spaced frames from longer sequences. Bounds the quadratic
 // number of motions: 64 frames have 2016.
 constexpr size_t kMaxNumHandEyeFrames = 64;
 
@@ -67,7 +67,7 @@ struct Motions {
   int num_frames = 0;
 };
 
-// Sensors determined so far.
+// The sensors determined so far.
 struct DeterminedSensors {
   SensorRotations result;
   // Per sensor: its position in the order in which sensors were determined.
@@ -118,8 +118,8 @@ std::optional<int> FindImage(const Scene& scene, const ImageRotations& images,
   return std::nullopt;
 }
 
-// The image with a rotation by the sensor that was determined first; only in
-// `component` if there is one.
+// The image with a rotation whose sensor was determined first; only in
+// `component` if given.
 std::optional<int> FindDeterminedImage(const Scene& scene,
                                        const ImageRotations& images,
                                        const DeterminedSensors& sensors,
@@ -198,8 +198,8 @@ bool DetermineBySamples(const Scene& scene, const ImageRotations& images,
   }
 }
 
-// The motions of all pairs of frames that have the sensor in one component and
-// the rest of the rig in one component; and the number of these frames.
+// The motions of all pairs of frames in which the sensor stays in one component
+// and the rest of the rig in one component; and the number of these frames.
 Motions CollectMotions(const Scene& scene, const ImageRotations& images,
                        const DeterminedSensors& sensors, int sensor_idx) {
   std::map<std::pair<int, int>, std::vector<HandEyeFrame>> frames_of_components;

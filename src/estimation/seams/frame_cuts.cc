@@ -66,7 +66,7 @@ std::vector<int> FrameCuts::FramesOfSide(size_t cut_idx, bool is_below) const {
 }
 
 // The cuts with the core below form the path from the root to the core. Values
-// are therefore passed up along this path first, then down everywhere.
+// are passed up along this path first, then down everywhere.
 std::vector<double> FrameCuts::SmallestToCore(
     const std::vector<double>& value_of_cut) const {
   std::vector<double> smallest(order_.size(), 1.0);
@@ -126,8 +126,8 @@ void FrameCuts::Sums::SortDepthFirst(std::vector<int>* frame_idxs) const {
             [this](int a, int b) { return cuts_.enter_[a] < cuts_.enter_[b]; });
 }
 
-// The closed tour through the frames in depth-first order passes each edge
-// between them exactly twice.
+// A closed depth-first tour through the frames passes each edge between them
+// exactly twice.
 void FrameCuts::Sums::AddTour(const std::vector<int>& sorted, double amount) {
   for (size_t i = 0; i < sorted.size(); ++i) {
     Add(sorted[i], sorted[(i + 1) % sorted.size()], 0.5 * amount);
@@ -155,7 +155,7 @@ void FrameCuts::Sums::AddTies(std::vector<int> frame_idxs, double amount) {
 }
 
 // The frame where the path from one of the frames reaches the tree that joins
-// the others: their common ancestor, or on the way to a neighbor in
+// the other frames: a common ancestor, or a frame on the path to a neighbor in
 // depth-first order.
 int FrameCuts::Sums::JunctionOf(const std::vector<int>& sorted,
                                 size_t idx) const {

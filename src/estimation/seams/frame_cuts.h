@@ -10,10 +10,10 @@
 
 namespace mgsfm {
 
-// The cuts of a graph of frames that its maximum spanning forest names: each
-// edge of the forest, if it is removed, splits one tree into the frames below
-// the edge and the others. Every weak place of the graph is near one of these
-// cuts, because the forest crosses it by its strongest edge.
+// The cuts of a graph of frames that its maximum spanning forest defines:
+// removing an edge of the forest splits its tree into the frames below the edge
+// and the others. Every weak cut of the graph is near one of these cuts,
+// because the forest crosses it by its strongest edge.
 class FrameCuts {
  public:
   struct Cut {
@@ -36,8 +36,8 @@ class FrameCuts {
   std::vector<double> SmallestToCore(
       const std::vector<double>& value_of_cut) const;
 
-  // The cut with the smallest value of those that separate two frames; nullopt
-  // if they are equal or of different trees.
+  // The cut with the smallest value among those that separate two frames;
+  // nullopt if the frames are equal or of different trees.
   std::optional<size_t> SmallestBetween(
       int frame_idx1, int frame_idx2,
       const std::vector<double>& value_of_cut) const;

@@ -15,10 +15,10 @@ namespace {
 // The bound on the baselines of pairs (pair_filtering.h).
 constexpr double kMaxRelativeError = 0.5;
 // The expected motion is less certain where a rig brakes: with 0.2, the end of
-// a sound drive was a jump.
+// a correct drive was a jump.
 constexpr double kMinErrorInSteps = 1.0;
 
-// Of the longer of both baselines: the noise of motions that depths measure.
+// Relative to the longer baseline: the noise of motions measured by depths.
 constexpr double kMaxErrorOfConfirmed = 0.2;
 
 using Eigen::Vector3d;
@@ -119,8 +119,8 @@ double UnitInModel(const Baselines& baselines) {
   return Median(std::move(units));
 }
 
-// The confirmed step that ends last before a step, or the one that begins first
-// after it; null without any.
+// The confirmed step that ends last before a step, or the first confirmed step
+// after it; null if there is none.
 const Step* FindConfirmed(const std::vector<const Step*>& confirmed,
                           const TemporalOrder& order, const Step& step,
                           bool is_before) {
@@ -140,8 +140,8 @@ const Step* FindConfirmed(const std::vector<const Step*>& confirmed,
   return nearest;
 }
 
-// Whether the model goes on from a confirmed step, or to it, more smoothly than
-// the expected motion.
+// Whether the model continues a confirmed step, or leads to it, more smoothly
+// than the expected motion.
 bool IsSmoother(const Step& step, const Step& confirmed, double unit) {
   Vector3d reference = Vector3d::Zero();
   for (const Baseline& b : confirmed.baselines) reference += b.actual;
@@ -154,8 +154,8 @@ bool IsSmoother(const Step& step, const Step& confirmed, double unit) {
 }
 
 // A rig does not stop or turn from one frame to the next. If the model moves
-// like the confirmed steps on both sides, and the expected motion does not,
-// then the latter is wrong.
+// like the confirmed steps on both sides and the expected motion does not, the
+// expected motion is wrong.
 bool IsRefuted(const Step& step, const std::vector<const Step*>& confirmed,
                const TemporalOrder& order, double unit) {
   const Step* before = FindConfirmed(confirmed, order, step, true);

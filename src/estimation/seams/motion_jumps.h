@@ -15,26 +15,26 @@ namespace mgsfm {
 // Pairs of frames of one sequence.
 struct ComparedMotions {
   // The baseline differs from the expected one, in length or direction, by more
-  // than half of the longer of both, and by more than a typical step, and the
-  // model does not go on from and to the nearest confirmed pairs more smoothly
-  // than the expected motion.
+  // than half of the longer baseline and by more than a typical step, and the
+  // model does not connect the nearest confirmed pairs more smoothly than the
+  // expected motion.
   std::vector<std::pair<int, int>> jumps;
-  // It differs by at most 20 % of the longer of both.
+  // The baseline differs by at most 20 % of the longer baseline.
   std::vector<std::pair<int, int>> confirmed;
 };
 
-// Compares a model with the motion of the rig. A cut that few correct pairs
-// cross can leave the distance open, and a wrong pair decides it; on a vehicle
-// alongside, pairs turn the direction.
+// Compares a model with the motion of the rig. Few correct pairs across a cut
+// may not determine the distance, so that a wrong pair decides it. Pairs on a
+// vehicle alongside turn the direction.
 //
 // `expected` per pair of the view graph: cam2_from_cam1, in one unit of length.
-// The baselines within frames give this unit in the model, since a small model
-// can contradict most steps; without them, it is the median ratio of the
-// lengths of steps. Of the image pairs of equal sensors, the median counts. A
-// rig does not stop or turn from one frame to the next: where both motions
-// differ, the smoother one is right. An object that moves along with the rig
-// can have given the expected motion, too. Empty without expected poses. Cost:
-// linear in the pairs, and in the jumps times the confirmed pairs.
+// Baselines within frames provide this unit in the model, because a small model
+// can contradict most steps. Without them, the unit is the median ratio of step
+// lengths. For image pairs of equal sensors, the median counts. A rig does not
+// stop or turn from one frame to the next: where both motions differ, the
+// smoother one is correct. The expected motion, too, may come from an object
+// that moves along with the rig. Empty without expected poses. Cost: linear in
+// the pairs, and in the jumps times the confirmed pairs.
 [[nodiscard]] ComparedMotions CompareMotions(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph,

@@ -33,8 +33,8 @@ std::vector<int> CountConfirmed(const ConfidenceInput& input) {
   return num_confirmed;
 }
 
-// Pairs without a confirmed match join parts only if no others do, and
-// neighbors in the order of frames only if no pairs do.
+// Joins components by pairs with confirmed matches first, then by other pairs,
+// last by adjacent frames.
 FrameCuts FindCuts(const ConfidenceInput& input,
                    const std::vector<int>& num_confirmed) {
   const FramePairIndex& index = input.index;
@@ -60,7 +60,7 @@ FrameCuts FindCuts(const ConfidenceInput& input,
   return {index.num_frames(), edges};
 }
 
-// Counts of what crosses each cut.
+// Counts of points and matches that cross each cut.
 struct CutEvidence {
   std::vector<double> num_tracks;
   std::vector<double> num_ties;
@@ -108,9 +108,9 @@ void CountTracks(const ConfidenceInput& input, const FrameCuts& cuts,
   evidence->num_ties = ties.Finish();
 }
 
-// The cuts that fewer than `min_num_ties` points tie. No point has two frames
-// of a side of one frame, nor of a side that only a weaker cut makes larger:
-// there, the points that two frames of the other side observe are the ties.
+// The cuts with fewer than `min_num_ties` ties. If a side has one frame, or
+// only a weaker cut makes it larger, no point has two frames there; the points
+// that two frames of the other side observe are then the ties.
 Mask FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
                  int min_num_ties, CutEvidence* evidence) {
   std::vector<double>& num_ties = evidence->num_ties;
@@ -182,9 +182,9 @@ double DistanceToGroup(const ConfidenceInput& input,
   return distances.empty() ? 0.0 : Median(std::move(distances));
 }
 
-// Per cut: the longest error that the step between the frames next to it hides:
-// twice the length of fast steps of the sequence, if the rig moves backwards
-// instead of forwards. Infinite if the frames are not of one sequence.
+// Per cut: the longest error that the step between the adjacent frames can
+// hide: twice the length of fast steps of the sequence, for a rig that moves
+// backward instead of forward. Infinite if the frames are not of one sequence.
 std::vector<double> ErrorsHiddenByCuts(const ConfidenceInput& input,
                                        const FrameCuts& cuts) {
   const auto& poses = input.reconstruction.rig_from_world;
@@ -198,9 +198,9 @@ std::vector<double> ErrorsHiddenByCuts(const ConfidenceInput& input,
   std::vector<double> hidden(cuts.cuts().size(),
                              std::numeric_limits<double>::infinity());
   if (lengths.empty()) return hidden;
-  // The quantile of the lengths of steps that counts as a fast one. Loops
-  // between places that look alike are wrong by 15 to 50 times the error that
-  // it allows (docs/maths/seams.md).
+  // The quantile of step lengths that counts as fast. Loops between places that
+  // look alike have 15 to 50 times the error that this allows
+  // (docs/maths/seams.md).
   const double fast_step = Quantile(std::move(lengths), 0.9);
   for (size_t k = 0; k < hidden.size(); ++k) {
     const auto& [below, above] = cuts.cuts()[k];
@@ -213,9 +213,8 @@ std::vector<double> ErrorsHiddenByCuts(const ConfidenceInput& input,
 }
 
 // The matches of the largest group against each cut. A loop of pairs that
-// contradicts the model does not tell which of the cuts that it closes is
-// wrong; the weakest of those that can hide its error is doubtful. `strengths`
-// per cut.
+// contradicts the model does not reveal which of its cuts is wrong; the weakest
+// cut that can hide its error is doubtful. `strengths` per cut.
 std::vector<double> MostAgainst(const ConfidenceInput& input,
                                 const FrameCuts& cuts,
                                 const std::vector<int>& num_confirmed,

@@ -28,7 +28,7 @@ struct ConfidenceInput {
 };
 
 // The points that `min_num_frames` frames of each of two sides observe, or all
-// frames of a smaller side. Sides are sorted.
+// frames of a side that has fewer. Sides are sorted.
 int CountTies(const Scene& scene, const Reconstruction& reconstruction,
               const std::vector<int>& side1, const std::vector<int>& side2,
               int min_num_frames = 2);

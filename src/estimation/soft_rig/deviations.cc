@@ -8,7 +8,8 @@
 namespace mgsfm {
 namespace {
 
-// Per step: a factor of 5 in sigma, which keeps the quadratic model valid.
+// Limits a step to a factor of 5 in sigma, which keeps the quadratic model
+// valid.
 constexpr double kMaxVarianceFactor = 25.0;
 
 // Sums over the images of a sensor or rig, for rotations or positions.
@@ -137,7 +138,7 @@ void CalibrationEquations::AddPrior(int slot, const PoseVector& change,
 Eigen::MatrixXd CalibrationEquations::Masked(
     const Eigen::VectorXd& mask) const {
   Eigen::MatrixXd masked = mask.asDiagonal() * matrix_ * mask.asDiagonal();
-  // Relative; regularizes coordinates that no measurement determines.
+  // Relative to the diagonal; regularizes unconstrained coordinates.
   masked.diagonal() *= 1.0 + 1e-9;
   for (Eigen::Index i = 0; i < mask.size(); ++i) {
     if (!(masked(i, i) > 0.0)) masked(i, i) = 1.0;

@@ -63,7 +63,8 @@ class CalibrationEquations {
   void AddPrior(int slot, const PoseVector& change,
                 const PoseVector& variances);
 
-  // Both treat coordinates with a mask of 0 as fixed and return 0 for them.
+  // Both functions treat coordinates with a mask of 0 as fixed and return 0 for
+  // them.
   Eigen::VectorXd Solve(const Eigen::VectorXd& mask) const;
   Eigen::VectorXd Variances(const Eigen::VectorXd& mask) const;
 

@@ -10,7 +10,7 @@
 namespace mgsfm {
 namespace {
 
-// Spurious information on the offset of one image from noise of the velocity,
+// Spurious information on the time offset of one image due to velocity noise,
 // in 1 / interval^2. The velocity between two frames that are as noisy as the
 // image has variance 2 sigma^2 / interval^2 in each of six coordinates.
 constexpr double kNoiseInformation = 12.0;
@@ -65,8 +65,8 @@ SensorJacobian RigCalibration::Jacobian(int image_idx,
   if (!use_times_) return jacobian;
   const double interval_s = motions_.IntervalAt(image_idx, offset_s);
   if (!std::isfinite(interval_s)) return jacobian;
-  // Step of central differences, in frame intervals: small against the interval
-  // over which velocity changes, large against rounding errors.
+  // Step of central differences, in frame intervals: small compared with the
+  // interval over which velocity changes, large compared with rounding errors.
   const double h = 1e-3 * interval_s;
   jacobian.col(6) =
       DeviationOf(ExpectedPose(image_idx, sensor_from_rig, offset_s + h),
@@ -122,7 +122,7 @@ void RigCalibration::AddFrame(const FrameDeviations& frame,
   equations->AddFrame(frame, slots, prior_variances, jacobians);
 }
 
-// Frees the coordinates of poses that are refined, and adds their priors.
+// Frees the refined coordinates of poses and adds their priors.
 Eigen::VectorXd RigCalibration::MaskAndPriors(
     int rig_idx, const Reconstruction& rig,
     CalibrationEquations* equations) const {
@@ -144,7 +144,7 @@ Eigen::VectorXd RigCalibration::MaskAndPriors(
 }
 
 // Frees the observable time offsets and sets their standard deviations. Fixing
-// the unobservable ones determines the others better, so these are evaluated a
+// the unobservable offsets improves the others, which are therefore evaluated a
 // second time.
 void RigCalibration::SelectObservableOffsets(
     int rig_idx, const Frames& frames, const CalibrationEquations& equations,
@@ -178,8 +178,7 @@ void RigCalibration::SelectObservableOffsets(
   }
 }
 
-// Spurious information on the time offset of each sensor, see
-// kNoiseInformation.
+// Spurious information on the time offset of each sensor (kNoiseInformation).
 std::vector<double> RigCalibration::InformationOfNoise(
     const Frames& frames) const {
   std::vector<double> noise(scene_.sensors.size(), 0.0);

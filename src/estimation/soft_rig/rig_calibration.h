@@ -28,7 +28,7 @@ class RigCalibration {
   // Sets the trajectories of the rigs from their frames.
   void SetRig(const Reconstruction& rig) { motions_.SetTrajectories(rig); }
 
-  // The expected pose S_s D_i per image; nullopt if it is not registered.
+  // The expected pose S_s D_i per image; nullopt for unregistered images.
   std::vector<std::optional<Rigid3>> ExpectedPoses(
       const Reconstruction& rig) const;
 

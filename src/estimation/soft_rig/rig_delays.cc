@@ -22,7 +22,7 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// The root mean square distance of frames from their mean.
+// The root mean square distance of frames from their mean position.
 double SpreadOf(const Reconstruction& model) {
   Vector3d sum = Vector3d::Zero();
   double squares = 0.0, count = 0.0;
@@ -46,13 +46,13 @@ double RigSize(const Reconstruction& model) {
   return size;
 }
 
-// u with its variance.
+// The estimate of u and its variance.
 struct Stretch {
   double value = 0.0;
   double variance = 0.0;
 };
 
-// The columns of scores, preceded by u, with the priors of what is known.
+// The scores of u and of all columns, with priors on known quantities.
 struct KnownLengths {
   RigScores scores;      // of the residuals alone
   VectorXd information;  // of the priors, the diagonal
@@ -68,8 +68,8 @@ MatrixXd ScoresAfter(const RigScores& scores, const VectorXd& step) {
   return after;
 }
 
-// The variance of the scores of blocks, relative to that of independent
-// residuals with the noise of keypoints.
+// The variance of the scores of blocks, divided by the variance for independent
+// residuals with the keypoint noise.
 double OverdispersionOf(RigScores scores) {
   scores.scores_of_priors = VectorXd::Zero(scores.scores.rows());
   const MatrixXd after = ScoresAfter(scores, NewtonStep(scores));
@@ -94,7 +94,7 @@ std::optional<KnownLengths> FindKnownLengths(
         known->translation;
   }
   if (columns.col(0).isZero(0.0)) return std::nullopt;
-  // Residuals that depend on each other tell as little as fewer ones.
+  // Correlated residuals carry as much information as fewer independent ones.
   const double overdispersion = OverdispersionOf(scores);
   const auto transform = [&](const MatrixXd& M) -> MatrixXd {
     return columns.transpose() * M * columns / overdispersion;
@@ -115,7 +115,7 @@ std::optional<KnownLengths> FindKnownLengths(
   return known;
 }
 
-// With the variances of all priors times a factor.
+// The scores with all prior variances multiplied by `factor`.
 RigScores WithPriors(const KnownLengths& known, double factor) {
   RigScores joint = known.scores;
   joint.information.diagonal() +=
@@ -125,7 +125,7 @@ RigScores WithPriors(const KnownLengths& known, double factor) {
   return joint;
 }
 
-// The factor of the variances of priors, at least 1, of maximum restricted
+// The factor of the prior variances, at least 1, by restricted maximum
 // likelihood: the mean square of deviations is what their posterior implies.
 double VarianceOfPriors(const KnownLengths& known) {
   double factor = 1.0;
@@ -260,7 +260,7 @@ void SetMotions(const Scene& scene, const std::vector<double>& times,
     const RigTrajectory trajectory(ordered, poses);
     for (size_t k = 0; k < frames.size(); ++k) {
       rig->motions[frames[k].second] = trajectory.VelocityAt(k);
-      // Ten blocks of frames: Student's t of nine degrees of freedom.
+      // Ten blocks of frames: Student's t with nine degrees of freedom.
       rig->block_of_frame[frames[k].second] =
           static_cast<int>(k * 10 / frames.size());
     }
@@ -276,7 +276,7 @@ void SetImagePoses(const Scene& scene, DelayedRig* rig) {
   }
 }
 
-// The same for the poses alone.
+// The same with pose columns only.
 RigScores WithoutDelays(RigScores scores) {
   const auto clear = [](MatrixXd* matrix) {
     for (Eigen::Index k = kSensorColumns - 1; k < matrix->rows();
@@ -291,8 +291,8 @@ RigScores WithoutDelays(RigScores scores) {
   return scores;
 }
 
-// The factor by which the variance of the pose of a sensor exceeds that of
-// independent residuals, in the mean over its coordinates.
+// The factor by which the variance of a sensor pose exceeds that of independent
+// residuals, averaged over its coordinates.
 double Overdispersion(const MatrixXd& actual, const MatrixXd& independent,
                       Eigen::Index first) {
   return independent.block<6, 6>(first, first)
@@ -322,7 +322,7 @@ void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
         pose.Center() + change.tail<3>());
   }
 }
-// Whether independent residuals would show a delay.
+// Whether a delay is significant for independent residuals.
 bool MayBeDelayed(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
   const MatrixXd covariance = CovarianceBy(scores.noise, scores);
@@ -368,7 +368,7 @@ bool HasConverged(const RigScores& scores) {
   const MatrixXd covariance = Jackknife(scores);
   for (Eigen::Index k = kSensorColumns - 1; k < step.size();
        k += kSensorColumns) {
-    // Smaller changes matter less than chance does.
+    // Smaller changes are insignificant.
     if (std::abs(step[k]) > 0.1 * std::sqrt(covariance(k, k))) {
       return false;
     }
@@ -379,7 +379,8 @@ bool HasConverged(const RigScores& scores) {
 void Triangulate(const Scene& separate, const CandidateSource& candidates,
                  const BundleAdjustmentOptions& options, int num_rounds_left,
                  const Context& context, Reconstruction* model) {
-  // The misfit of delays is unknown at first: any error up to the largest one.
+  // The error due to delays is unknown at first: accept errors up to the
+  // maximum.
   const double sigma_px =
       num_rounds_left > 0 ? std::numeric_limits<double>::infinity()
                           : NoiseSigmaPx(separate, *model, context.num_threads);
@@ -426,8 +427,7 @@ std::optional<RigDelays> EstimateRigDelays(
       Step(*scores, NewtonStep(*scores), &rig);
       SetMotions(scene, measured.times.times, &rig);
       SetImagePoses(scene, &rig);
-      // The first rounds have wide bounds on errors, each half as wide as the
-      // bound before.
+      // The first rounds have wide error bounds, halved in each round.
       const int num_left = std::max(0, 3 - round);
       Triangulate(separate, source, options, num_left, context,
                   &rig.model.separate);

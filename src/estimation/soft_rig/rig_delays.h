@@ -16,28 +16,28 @@
 
 namespace mgsfm {
 
-// The error of the unit of length of `model`, which known poses of sensors or
-// the known distances of pairs of sensors define. `scores` have a fixed scale
+// The error of the unit of length of `model`, which is defined by known sensor
+// poses or known distances between sensors. `scores` have a fixed scale
 // (RigGauge::kFixedScale) and are those of `rig`, which starts at `model` and
 // may have delays.
 //
 // At a fixed scale of the world, the baselines of known poses are exp(u) times
-// the known ones. u is estimated with the poses, which have their priors, and
-// the delays. nullopt if there is no known length, or if the frames are closer
-// together than the sensors: the rig itself is the largest length then.
+// the known ones. u is estimated jointly with the delays and with the poses,
+// which have priors. nullopt if no length is known, or if the frames are closer
+// together than the sensors: the rig itself is then the largest length.
 std::optional<UnitError> EstimateUnitError(
     const Scene& scene, const RigScores& scores, const DelayedRig& rig,
     const Reconstruction& model,
     const std::vector<std::pair<int, int>>& known_distances,
     const BundleAdjustmentOptions& options);
 
-// The time of each frame: in seconds, or its number in the order of its rig.
+// The time of each frame in seconds, or its number in the order of its rig.
 struct FrameTimes {
   std::vector<double> times;
   bool are_seconds = false;
 };
 
-// What is known beside the images.
+// Knowledge about the rig other than images.
 struct RigMeasurements {
   FrameTimes times;
   // Pairs of sensors whose known distance defines the unit of length.
@@ -45,26 +45,25 @@ struct RigMeasurements {
 };
 
 // Estimates how late the cameras of an adjusted model trigger. The delays, the
-// poses of sensors (known ones with their prior), frames and points minimize
-// the objective of bundle adjustment together. Standard deviations are those of
-// a jackknife over ten blocks of consecutive frames, so that they hold for
-// residuals that depend on each other within a block.
+// poses of sensors (with priors if known), frames and points jointly minimize
+// the objective of bundle adjustment. Standard deviations come from a jackknife
+// over ten blocks of consecutive frames, so they hold for residuals that are
+// correlated within a block.
 //
-// The model has lost observations that contradict a rigid rig, so that the
-// points are triangulated again as the delays become known. That is only done
-// if some delay exceeds four standard deviations of independent residuals.
-// `candidates` is called for that. The unit of length is judged with these
-// delays. nullopt without rigs of several cameras, or
-// if the equations cannot be factorized.
+// The model lacks observations that contradict a rigid rig, so the points are
+// triangulated again from `candidates` as the delays become known, but only if
+// some delay exceeds four standard deviations of independent residuals. The
+// unit of length is tested with these delays. nullopt without rigs of several
+// cameras, or if the equations cannot be factorized.
 [[nodiscard]] std::optional<RigDelays> EstimateRigDelays(
     const Scene& scene, const RigMeasurements& measured,
     const std::function<CandidateSource(const Scene& separate)>& candidates,
     const Reconstruction& model, const BundleAdjustmentOptions& options,
     const Context& context);
 
-// Adds to covariances of the rigid model what its residuals show: the
-// overdispersion of blocks, for sensors also that of points if it is larger,
-// and the errors by delays that the model does not have.
+// Adds the errors that the residuals reveal to covariances of the rigid model:
+// the overdispersion of blocks (for sensors also that of points if larger) and
+// the errors due to delays that the model ignores.
 void AddRigErrors(const Scene& scene, const Reconstruction& model,
                   const RigDelays& delays, CovarianceResult* covariances);
 

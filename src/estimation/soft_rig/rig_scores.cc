@@ -26,9 +26,9 @@ using Eigen::VectorXd;
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 constexpr int kColumns = RigScores::kNumColumns;
-// Relative to the diagonal: far below any observable curvature.
+// Relative to the diagonal; far below any observable curvature.
 constexpr double kDamping = 1e-12;
-// Points are summed in so many parts, whatever the number of threads.
+// Number of partial sums over points, independent of the number of threads.
 constexpr size_t kNumParts = 16;
 
 // The derivatives of one observation, weighted by the loss.
@@ -85,8 +85,8 @@ class ScoreBuilder {
   bool Linearize(size_t observation, const Vector3d& point,
                  const RobustLoss& loss, Linearized* result) const;
   std::vector<Linearized> LinearizePoint(size_t point) const;
-  // Calls add(observations, derivatives with respect to the columns, of which
-  // the point absorbs a part) for each point, and merges the sums.
+  // Calls add(observations, derivatives with respect to the columns) for each
+  // point, which absorbs a part of the derivatives, and merges the sums.
   template <class Add>
   Sums Sum(const Sums& zero, const Add& add) const;
   void AddRhs(const std::vector<Linearized>& observations, Sums* sums) const;
@@ -198,7 +198,7 @@ Sums ScoreBuilder::Sum(const Sums& zero, const Add& add) const {
   return std::move(parts[0]);
 }
 
-// The derivatives and, in the last column, the residual.
+// Sets the derivatives and, in the last column, the residual.
 void SetColumns(const Linearized& o, Eigen::Ref<MatrixXd> rows) {
   rows.rightCols<1>() = o.residual;
   if (o.first_column >= 0) {
@@ -207,8 +207,8 @@ void SetColumns(const Linearized& o, Eigen::Ref<MatrixXd> rows) {
   if (o.focal_column >= 0) rows.col(o.focal_column) = o.of_focal;
 }
 
-// What of the derivatives `e` of the observations of a point, 2 rows each, its
-// own motion does not absorb.
+// Removes from the derivatives `e` of the observations of a point (2 rows each)
+// the part that the motion of the point absorbs.
 void RemovePoint(const std::vector<Linearized>& observations, MatrixXd* e) {
   Matrix3d V = Matrix3d::Zero();
   MatrixXd shift = MatrixXd::Zero(3, e->cols());
@@ -273,7 +273,7 @@ void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
     of_point += score;
     sums->noise.selfadjointView<Eigen::Lower>().rankUpdate(score);
     sums->weight += o.weight;
-    // The derivative of the loss of Cauchy, averaged over both directions.
+    // The derivative of the Cauchy loss, averaged over both directions.
     sums->squared_weight += o.weight * o.weight;
   }
   sums->noise_of_points.selfadjointView<Eigen::Lower>().rankUpdate(of_point);
@@ -321,7 +321,7 @@ bool ScoreBuilder::Build(RigScores* result) {
   return true;
 }
 
-// Known poses have errors, which would pass for delays: v t is a translation.
+// Errors of known poses would be mistaken for delays: v t is a translation.
 BundleAdjustmentOptions RefiningKnownPoses(BundleAdjustmentOptions options) {
   options.refine_sensor_from_rig = RefineMode::kYes;
   return options;

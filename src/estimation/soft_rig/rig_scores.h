@@ -13,21 +13,21 @@
 
 namespace mgsfm {
 
-// What the residuals of an adjusted model say about changes of its rig.
+// How the residuals of an adjusted model constrain changes of its rig.
 //
 // Columns: seven per sensor that is not the reference of its rig: the six
 // coordinates of its pose (rig_problem.h), and its delay. A delay moves the
-// image in frame f like a change `motions[f]` of the frame: the motion of the
-// rig per unit of time. With RigGauge::kFixedScale, the logarithms of the focal
-// lengths of cameras follow. Let e_k be the derivatives of the weighted
-// residuals r with respect to column k, freed of what frames and points can
+// image in frame f like a change `motions[f]` of the frame pose: the motion of
+// the rig per unit of time. With RigGauge::kFixedScale, further columns are the
+// logarithms of focal lengths. Let e_k be the derivatives of the weighted
+// residuals r with respect to column k, minus the part that frames and points
 // absorb. Then
 //
 //   information  M_kl = e_k . e_l         scores  s_kb = sum over block b of
 //   e_k . r
 //
-// so that x = -M^-1 sum_b s_b / efficiency is the change of all columns by a
-// step of least squares. The scores of consecutive frames (blocks) vary as the
+// so that x = -M^-1 sum_b s_b / efficiency is the change of all columns in a
+// least-squares step. The scores of consecutive frames (blocks) vary as the
 // residuals do, correlated or not.
 struct RigScores {
   static constexpr int kNumColumns = 7;  // per sensor
@@ -41,19 +41,19 @@ struct RigScores {
   // The sum over observations of what s_b s_b^T is for a block: the covariance
   // of the scores if observations are independent.
   Eigen::MatrixXd noise;
-  // The same with the scores of a point summed first: its observations may err
-  // alike, as those of a rig that stands do.
+  // The same with the scores of each point summed first: all observations of a
+  // point may err alike, as in a standing rig.
   Eigen::MatrixXd noise_of_points;
-  // Per frame, the change of its pose in a step of least squares: the last
-  // column, minus the others times the changes of the columns above.
+  // Per frame, the change of its pose in a least-squares step: the last column,
+  // minus the other columns times the changes of the columns above.
   std::vector<Eigen::Matrix<double, 6, Eigen::Dynamic>> frame_response;
-  // The mean derivative of the weighted residual, relative to its weight: a
-  // robust loss moves less than its weights say.
+  // The mean derivative of the weighted residual, divided by its weight: a
+  // robust loss reacts less than its weights suggest.
   double efficiency = 1.0;
   double sigma_px = 0.0;  // noise of the keypoints
 };
 
-// What known poses of sensors determine.
+// What known sensor poses determine.
 enum class RigGauge {
   kKnownPoses,  // the scale, and with their priors the poses of sensors
   kFixedScale,  // nothing: sensors and focal lengths are free, scale is fixed
@@ -72,7 +72,7 @@ struct DelayedRig {
 // The pose of an image in the rig: S_s D.
 Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx);
 
-// What is known of the columns, without errors of other columns.
+// Prior knowledge of the columns, without errors of other columns.
 struct KnownColumns {
   Eigen::VectorXd information;  // the diagonal, in units of the keypoint noise
   Eigen::VectorXd deviation;    // of the model from what is known
@@ -81,31 +81,31 @@ KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
                               const Reconstruction& model,
                               const BundleAdjustmentOptions& options);
 
-// nullopt if no sensor but the references sees points, or if the equations
-// cannot be factorized. Masked coordinates of poses have neither information
-// nor scores. Cost: two passes over the observations, a factorization, and
-// seven solves per sensor.
+// nullopt if only reference sensors see points, or if the equations cannot be
+// factorized. Masked coordinates of poses have neither information nor scores.
+// Cost: two passes over the observations, a factorization, and seven solves per
+// sensor.
 [[nodiscard]] std::optional<RigScores> ComputeRigScores(
     const Scene& scene, const Scene& separate, const DelayedRig& rig,
     const BundleAdjustmentOptions& options, const Context& context,
     RigGauge gauge = RigGauge::kKnownPoses);
 
-// The inverse of an information matrix: huge where there is none.
+// The inverse of an information matrix; huge for uninformative directions.
 Eigen::MatrixXd InvertInformation(Eigen::MatrixXd information);
 
-// The change of the columns by a step of least squares.
+// The change of the columns in a least-squares step.
 Eigen::VectorXd NewtonStep(const RigScores& scores);
 
-// The covariance of the columns: a jackknife that leaves out one block of
-// frames at a time, so that also blocks of great influence count.
+// The covariance of the columns by a jackknife that leaves out one block of
+// frames at a time, so that blocks with great influence also count.
 Eigen::MatrixXd Jackknife(const RigScores& scores);
 
-// The covariance of the columns by that of the sum of all scores.
+// The covariance of the columns, from the covariance of the sum of all scores.
 Eigen::MatrixXd CovarianceBy(const Eigen::MatrixXd& noise,
                              const RigScores& scores);
 
 // Whether the two-sided probability of Student's t is below 1 in 10,000, with
-// one degree of freedom less than blocks.
+// num_blocks - 1 degrees of freedom.
 bool IsCertain(double t, Eigen::Index num_blocks);
 
 }  // namespace mgsfm

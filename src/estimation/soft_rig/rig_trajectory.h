@@ -13,10 +13,10 @@
 namespace mgsfm {
 
 // The continuous trajectory of a rig: cubic Hermite interpolation of centers
-// and of rotations, the latter by their logarithm relative to the previous
-// frame. Velocities at frames come from the parabola through the frame and its
-// two neighbors. The velocity is therefore continuous, and the error is of
-// third order in the time between frames. Extrapolation has constant velocity.
+// and rotations (logarithms relative to the previous frame). Velocities at
+// frames come from the parabola through the frame and its two neighbors. The
+// velocity is therefore continuous, and the error is of third order in the time
+// between frames. Extrapolation has constant velocity.
 class RigTrajectory {
  public:
   // Needs at least one pose and increasing times.
@@ -42,7 +42,7 @@ class RigTrajectory {
   std::vector<Eigen::Vector3d> angular_velocities_, velocities_;
 };
 
-// The motion of a rig between the time of a frame and that of one of its
+// The motion of a rig between the time of a frame and the time of one of its
 // images.
 class ImageMotions {
  public:
@@ -52,8 +52,8 @@ class ImageMotions {
   // Sets the trajectories of all rigs from the poses of their frames.
   void SetTrajectories(const Reconstruction& reconstruction);
 
-  // D_i of soft_rig.h for a registered image whose camera triggers late by
-  // offset_s.
+  // D_i of soft_rig.h for a registered image whose camera triggers offset_s
+  // late.
   Rigid3 MotionOf(int image_idx, double offset_s) const;
   // Time between the two frames around the image; infinite if there is only
   // one frame.

@@ -19,8 +19,8 @@
 namespace mgsfm {
 namespace {
 
-// Rounds that triangulate points again. By then the error bound of the points
-// has shrunk to that of the noise. Two rounds increase errors by up to 31 %,
+// Rounds that triangulate points again. By then, the error bound of the points
+// has decreased to the noise level. Two rounds increase errors by up to 31 %,
 // ten change them by at most 2.4 % (docs/results/constants.md).
 constexpr int kNumTriangulations = 5;
 // Below this observed fraction, deviations are indistinguishable from zero: the
@@ -113,8 +113,7 @@ double EstimateNoisePx(const SoftRigRun& input, const SoftRigModel& model) {
       NoiseSigmaPx(input.separate, model.separate, input.context.num_threads));
 }
 
-// The initial sigmas are those that would explain the reprojection errors of
-// the rigid model.
+// The initial sigmas would explain the reprojection errors of the rigid model.
 SoftRigState InitialState(const SoftRigRun& input,
                           const BundleAdjustmentOptions& bundle_options) {
   SoftRigState state{
@@ -168,8 +167,8 @@ bool SolveImages(const SoftRigRun& input,
   return true;
 }
 
-// Lists, per sampled frame with several images, these images of the problem.
-// The samples of a rig are evenly spaced.
+// Lists the images in the problem for each sampled frame with several images.
+// Samples are evenly spaced per rig.
 std::vector<std::vector<int>> SampleFrames(const Scene& scene,
                                            const SoftRigProblem& soft) {
   const BuiltProblem& built = soft.built;
@@ -186,9 +185,9 @@ std::vector<std::vector<int>> SampleFrames(const Scene& scene,
   }
   std::vector<std::vector<int>> samples;
   for (const std::vector<std::vector<int>>& frames : frames_of_rig) {
-    // Frames per rig in the sums of soft_rig.h. The relative standard error of
-    // a sigma from 200 frames is at most 1 / sqrt(6 * 200) = 2.9 %, below the
-    // default sigma_tolerance.
+    // Number of frames per rig in the sums of soft_rig.h. The relative standard
+    // error of a sigma from 200 frames is at most 1 / sqrt(6 * 200) = 2.9 %,
+    // below the default sigma_tolerance.
     const size_t count = std::min(frames.size(), size_t{200});
     for (size_t k = 0; k < count; ++k) {
       samples.push_back(frames[k * frames.size() / count]);
@@ -222,7 +221,7 @@ std::optional<std::vector<FrameDeviations>> SampleDeviations(
 }
 
 // Replaces the sigmas by `updated`, with lower bounds. Returns the largest
-// relative change of those that the images determine.
+// relative change of a sigma that the images determine.
 double ReplaceSigmas(std::vector<DeviationSigma> updated, double distance,
                      SoftRigState* state) {
   double change = 0.0;
@@ -287,9 +286,9 @@ bool RunRound(const SoftRigRun& input, SoftRigState* state,
   return true;
 }
 
-// The rigid model has lost the observations that do not fit it, so its points
+// The rigid model lacks observations that do not fit it, so its points
 // underestimate the deviations. Until the last round, the bound therefore
-// includes the error that the present sigmas can cause.
+// includes the error that the current sigmas can cause.
 double MaxErrorOfRound(const SoftRigRun& input, const SoftRigState& state,
                        int num_rounds_left) {
   if (num_rounds_left == 0) {

@@ -33,7 +33,7 @@ struct SoftRigProblem {
   std::vector<int> image_idxs;  // per image and per sensor of the problem
 };
 
-// `expected` is S_s D_i per image, nullopt if it is not registered; `sigmas`
+// `expected` is S_s D_i per image, nullopt for unregistered images; `sigmas`
 // are per sensor of the scene.
 struct DeviationPrior {
   const std::vector<std::optional<Rigid3>>& expected;

@@ -15,8 +15,8 @@ namespace {
 
 constexpr uint32_t kNone = MatchComponents::kNone;
 
-// Disjoint sets of nodes without two keypoints of one image, except features
-// detected twice. Members are linked lists.
+// Disjoint sets of nodes with at most one keypoint per image, except for
+// features detected twice. Members are linked lists.
 class ConflictFreeSets {
  public:
   ConflictFreeSets(const Scene& scene, const Observation* observations,
@@ -110,8 +110,8 @@ std::vector<uint32_t> OrderBySupport(const SortedAdjacency& adjacency,
   return order;
 }
 
-// For each node whether it represents its set in its image: it has the most
-// matches within the set, or is the first of equal ones.
+// Whether each node represents its set in its image: it has the most matches
+// within the set; ties go to the first node.
 Mask ChooseRepresentatives(const Observation* observations, size_t num_nodes,
                            const SortedAdjacency& adjacency,
                            const std::vector<uint32_t>& set_of_node) {

@@ -48,7 +48,7 @@ MatchComponents FindComponents(const KeypointNodes& nodes,
                                const ViewGraph& view_graph,
                                const MatchSelection& selection);
 
-// A match within a component, by positions in the group; first < second.
+// A match within a component, as positions in the group; first < second.
 struct ComponentMatch {
   uint32_t first;
   uint32_t second;

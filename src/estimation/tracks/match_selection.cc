@@ -28,7 +28,7 @@ double PixelsPerRadianOf(const Scene& scene, const Reconstruction& model,
   return PixelsPerRadian(camera.model, camera.params.data());
 }
 
-// For each match of a pair whether it agrees with the model; nullopt if an
+// For each match of a pair, whether it agrees with the model; nullopt if an
 // image has no pose.
 std::optional<Mask> TestMatches(const Scene& scene, const ImagePair& pair,
                                 const Reconstruction& model,

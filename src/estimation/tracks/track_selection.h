@@ -7,7 +7,7 @@
 namespace mgsfm::internal {
 
 // Selects tracks by length such that every image has enough; see TrackOptions.
-// The order of the candidates is kept.
+// Keeps the order of the candidates.
 ObservationGroups SelectTracks(const ObservationGroups& candidates,
                                size_t num_images, const TrackOptions& options);
 

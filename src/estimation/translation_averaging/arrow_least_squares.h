@@ -20,9 +20,9 @@ namespace mgsfm {
 //
 // L, n x n, is the only factorized matrix; the border is eliminated by its
 // Schur complement S = D - B^T (L^-1 (x) I_3) B. Compared with the
-// factorization of A^T A, this takes a ninth of the entries and a
-// twenty-seventh of the operations. Cost of an application: linear in the
-// entries of A, on several threads; each sum has a fixed order.
+// factorization of A^T A, this takes 1/9 of the entries and 1/27 of the
+// operations. Cost of an application: linear in the entries of A, on several
+// threads; each sum has a fixed order.
 class ArrowLeastSquares {
  public:
   ArrowLeastSquares(const Eigen::SparseMatrix<double>& A, int num_points,
@@ -32,7 +32,7 @@ class ArrowLeastSquares {
 
   Eigen::Index rows() const { return A_.rows(); }
   Eigen::Index cols() const { return A_.cols(); }
-  // y = A x, x = A^T y, x = (A^T A)^-1 g, of one column each.
+  // y = A x, x = A^T y, x = (A^T A)^-1 g, for one column each.
   void Apply(const Eigen::MatrixXd& x, Eigen::MatrixXd* y) const;
   void ApplyTranspose(const Eigen::MatrixXd& y, Eigen::MatrixXd* x) const;
   void SolveNormal(const Eigen::MatrixXd& g, Eigen::MatrixXd* x) const;

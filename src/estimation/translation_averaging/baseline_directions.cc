@@ -23,11 +23,11 @@ using Eigen::Vector3d;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// Assumed error of the rotations. It displaces all rays of an image alike, so
-// more matches do not average it out.
+// Assumed error of the rotations. This error displaces all rays of an image
+// alike, so more matches do not average it out.
 constexpr double kRotationSigma = DegToRad(0.05);
-// A direction less certain than this is reported as unknown: beyond it, the
-// small-angle model of sigma_rad no longer holds.
+// Less certain directions are reported as unknown, because the small-angle
+// model of sigma_rad does not hold for them.
 constexpr double kMaxDirectionSigma = DegToRad(15.0);
 // Four times the two degrees of freedom of a direction.
 constexpr int kMinNumParallax = 8;
@@ -35,8 +35,8 @@ constexpr int kMinNumParallax = 8;
 // matches are inliers: log(1e-4) / log(1 - 0.514^2) = 30.
 constexpr int kMaxNumHypotheses = 30;
 constexpr double kLogFailureProbability = -9.2;  // log(1e-4)
-// Matches that score a hypothesis. A bound on time: the score only ranks
-// hypotheses, all matches refine the best.
+// Number of matches that score a hypothesis. It bounds the time: scores only
+// rank hypotheses, and all matches refine the best one.
 constexpr size_t kMaxNumScored = 200;
 
 // The matches of a pair in the layout that the estimation reads.
@@ -121,7 +121,8 @@ void TryHypothesis(const BaselineMatches& matches, const Vector3d& direction,
   }
 }
 
-// Number of samples until two inliers are drawn together almost surely.
+// Number of samples after which two inliers have almost surely been drawn
+// together.
 int NumHypotheses(double inlier_ratio) {
   const double success = std::min(inlier_ratio * inlier_ratio, 0.99);
   if (success * kMaxNumHypotheses < -kLogFailureProbability) {
@@ -222,8 +223,8 @@ RefinedDirection RefineDirection(const BaselineMatches& matches,
 }
 
 // The direction or its opposite, whichever has more points in front of both
-// cameras; nullopt if these are too few: 70 % of the agreeing matches and half
-// of those with parallax, chosen so that the majority is clear.
+// cameras; nullopt if these are too few for a clear majority: 70 % of the
+// agreeing matches and half of those with parallax.
 std::optional<Vector3d> ChooseSign(const BaselineMatches& matches,
                                    const RefinedDirection& refined) {
   size_t num_agreeing = 0, num_positive = 0, num_negative = 0;
@@ -360,25 +361,25 @@ PairRays CollectRays(const Bearings& bearings, const PositionProblem& problem,
   return collected;
 }
 
-// A pair without matches: its relative pose was measured elsewhere.
+// Used for a pair without matches, whose relative pose was measured elsewhere.
 void TakeDirection(const PositionProblem& problem, const ImagePair& pair,
                    BaselineDirection* baseline) {
   baseline->kind = BaselineKind::kDirection;
   baseline->direction = -(*problem.world_from_cam[pair.image_idx2] *
                           *pair.relative_pose->translation_direction);
-  // Positions depend on this standard deviation only if pairs with matches and
-  // pairs without are mixed.
+  // Positions depend on this value only if some pairs have matches and others
+  // do not.
   baseline->sigma_rad = DegToRad(0.5);
 }
 
-// Fills all but the images.
+// Fills in everything but the images.
 void MeasureBaseline(const BaselineInput& input, const ImagePair& pair,
                      PairRotation rotation, double min_sine, Random* random,
                      BaselineDirection* baseline) {
   const PositionProblem& problem = input.problem;
   if (pair.relative_pose && !pair.relative_pose->translation_direction) {
-    // The pair's own rotation explains its matches; it fits them better than
-    // the averaged rotation, which could show parallax where there is none.
+    // The pair's own rotation explains its matches. It fits them better than
+    // the averaged rotation, which could suggest parallax where there is none.
     baseline->kind = BaselineKind::kNoParallax;
     return;
   }

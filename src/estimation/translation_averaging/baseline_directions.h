@@ -32,8 +32,8 @@ struct BaselineDirection {
   int image_idx1 = 0;
   int image_idx2 = 0;
   BaselineKind kind = BaselineKind::kUnused;
-  // Unit vector in the world from the center of camera 1 to that of camera 2,
-  // and its standard deviation. Defined for kDirection only.
+  // Unit vector in the world from the center of camera 1 to the center of
+  // camera 2, and its standard deviation. Defined for kDirection only.
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
   double sigma_rad = 0.0;
   // Depths in camera 1 and camera 2 of the matches with parallax, sorted by
@@ -49,8 +49,8 @@ struct BaselineDirection {
 //
 // over the rays g of the matches in world axes. A term is the epipolar residual
 // of a match in units of the angular noise of a ray (Sampson). Neither the
-// parallax |n_m| nor the distance to the epipole biases the result; residuals
-// b . n_m would pull b towards the viewing direction.
+// parallax |n_m| nor the distance to the epipole biases the result; residuals b
+// . n_m would pull b toward the viewing direction.
 //
 // Solver: the best of sampled two-match solutions, then reweighting of the
 // generalized eigenproblem M b = lambda N b (Taubin 1991) with a Geman-McClure
@@ -68,7 +68,7 @@ struct BaselineDirection {
 //
 // With PairRotation::kOwn the two-view rotation of the pair replaces the
 // averaged one. The baseline then does not depend on whether the pair agrees
-// with the others; only its axes are those of camera 2 in the world.
+// with others, but uses the averaged rotation of camera 2 for its axes.
 enum class PairRotation { kAveraged, kOwn };
 struct BaselineInput {
   const Scene& scene;

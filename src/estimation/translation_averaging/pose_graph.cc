@@ -20,11 +20,11 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// A relative rotation of 30 matches is off by some tenths of a degree. With
-// half the value, a displaced step can remain (docs/results/constants.md).
+// Relative rotations from 30 matches have errors of some tenths of a degree.
+// With half the value, a displaced step can remain (docs/results/constants.md).
 constexpr double kPoseRotationSigma = DegToRad(0.2);
-// The error that remains however many keypoints vote: 0.06 degrees, about that
-// of averaged rotations (kRotationSigma in baseline_directions.cc).
+// The error that remains however many keypoints vote: 0.06 degrees, about the
+// error of averaged rotations (kRotationSigma in baseline_directions.cc).
 constexpr double kMinSigmaInDepths = 1e-3;
 // The scale of the Cauchy loss in standard deviations; it is 95 % efficient at
 // 2.4. Twice the value changes errors by less than 1 %
@@ -34,8 +34,8 @@ constexpr double kPoseLossScale = 3.0;
 // times the sine of the smallest parallax of 0.3 degrees.
 constexpr double kStandingSigmaInDepths = 0.016;
 
-// The residual of a pair, by the rotations (x, y, z, w) and centers of its two
-// frames.
+// The residual of a pair as a function of the rotations (x, y, z, w) and
+// centers of its two frames.
 struct PairError {
   Quaterniond sensor_rotation1, sensor_rotation2;  // cam_from_rig
   Vector3d sensor_translation1, sensor_translation2;
@@ -88,7 +88,7 @@ BaselineInformation MeasuredBaselineOf(const RefinementInput& input,
   }
   const double length = input.Length(pair_idx);
   const double min_sigma = kMinSigmaInDepths * depth;
-  // The factors of other groups are guesses.
+  // The factors of other groups are unknown.
   const double along =
       group != 0
           ? 0.0
@@ -173,7 +173,7 @@ struct PoseEdges {
 SolveSummary Solve(const PoseEdges& edges, double loss_scale,
                    const Context& context, FramePoses* poses) {
   const RefinementInput& input = edges.input;
-  // The problem owns what is added to it; sharing is allowed.
+  // The problem owns the objects added to it; a loss may be shared.
   ceres::Problem problem;
   auto* loss = new ceres::CauchyLoss(loss_scale);
   auto* manifold = new CeresQuaternionManifold();
@@ -195,7 +195,7 @@ SolveSummary Solve(const PoseEdges& edges, double loss_scale,
   HoldFirstFrame(poses, &problem);
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-  // Neither the kernels of a BLAS nor threads may change the result.
+  // The result must not depend on the kernels of a BLAS or on threads.
   options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   options.num_threads = 1;
   options.logging_type = ceres::SILENT;
@@ -219,8 +219,8 @@ Mask SolvedFrames(const RefinementInput& input,
   return is_solved;
 }
 
-// Replaces the rotations of solved frames. Other frames turn in the world like
-// the solved frame before them, or the first one.
+// Replaces the rotations of solved frames. Other frames rotate in the world
+// like the previous solved frame, or like the first one.
 void TurnFrames(const Mask& is_solved, const std::vector<Quaterniond>& solved,
                 std::vector<std::optional<Quaterniond>>* rig_from_world) {
   const auto first = static_cast<size_t>(std::distance(

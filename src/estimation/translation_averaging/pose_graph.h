@@ -15,10 +15,11 @@ namespace mgsfm {
 
 // Joint refinement of the rotations and positions of frames by relative poses.
 //
-// Rotation averaging does not know the positions, and positions are estimated
-// with rotations held. If the rotations drift, the positions cannot close a
-// loop without bending every step, which costs more than to tear the one that
-// the fewest pairs cross. With both free, a small turn of each step closes it.
+// Rotation averaging ignores positions, and positions are estimated with
+// constant rotations. If the rotations drift, the positions can close a loop
+// only by bending every step, which costs more than tearing the step that the
+// fewest pairs cross. With both free, a small rotation of each step closes the
+// loop.
 //
 // Unknowns: the rotation R_f and the center c_f of each frame that a used pair
 // connects with another placed frame. A pair of frames f, g has the cameras
@@ -30,26 +31,26 @@ namespace mgsfm {
 //
 // - v is the vector part of the quaternion of R_12^T R_2 R_1^T; 2 v is its
 //   rotation vector for small errors.
-// - N projects to the plane across b, which was measured with the rotations of
-//   the start. sigma_N and sigma_l are l times the standard deviations of
+// - N projects onto the plane normal to b, which was measured with the initial
+//   rotations. sigma_N and sigma_l are l times the standard deviations of
 //   direction and log-length, increased by 0.001 of the typical depth of
 //   points.
 // - Pairs without parallax have l = 0 and a standard deviation of 0.016 typical
 //   depths. The lengths of all but the largest scale group do not count.
 // - rho is Cauchy with scale 3, annealed from 24 (kLossAnnealing).
-// - Sensor poses are held: one tear does not show in them. Gravity does not
-//   take part.
+// - Sensor poses are constant: a single tear hardly affects them. Gravity is
+//   not used.
 //
-// Start: the rotations that the measurements used, and the L1 positions.
-// Gauge: the first frame is held, the lengths determine the scale.
-// Solver: Ceres on one thread, for each scale of rho until the relative
-// decrease of the cost is below 1e-6 (or another default criterion of Ceres
-// holds), at most 50 iterations. Cost of an iteration: linear in the pairs, and
-// a sparse Cholesky factorization with six unknowns per frame.
+// Start: the rotations that the measurements used, and the L1 positions. Gauge:
+// the first frame is constant; the lengths determine the scale. Solver: Ceres
+// on one thread, for each scale of rho until the relative decrease of the cost
+// is below 1e-6 (or another default criterion of Ceres holds), at most 50
+// iterations. Cost of an iteration: linear in the pairs, and a sparse Cholesky
+// factorization with six unknowns per frame.
 //
-// Other frames turn like the solved frame before them.
+// Other frames rotate like the previous solved frame.
 struct PoseGraphEstimate {
-  // Per frame; nullopt where the start is.
+  // Per frame; nullopt where the initial rotation is.
   std::vector<std::optional<Eigen::Quaterniond>> rig_from_world;
   SolveSummary summary;  // of the last scale of rho
 };

@@ -17,14 +17,14 @@ namespace mgsfm {
 namespace {
 
 // The positions of a skeleton only screen pairs, so their ADMM ends early. Half
-// and twice the value change no error (docs/results/constants.md).
+// and twice the value do not change errors (docs/results/constants.md).
 constexpr int kMaxNumSkeletonIterations = 60;
 
-// A correction of rotations can leave a smaller displaced step; on the drives
-// of docs/results/constants.md, the first leaves none.
+// A correction of rotations can leave a smaller displaced step. On the drives
+// of docs/results/constants.md, one correction leaves none.
 constexpr int kMaxNumCorrections = 3;
 
-// The skeletal graph, and L1 positions by its pairs alone.
+// The skeletal graph, and L1 positions from its pairs alone.
 struct PositionSkeleton {
   Mask is_in_skeleton;
   InitialPositions initial;
@@ -76,7 +76,7 @@ PositionSkeleton FindSkeleton(const PositionInput& input,
                          context)};
 }
 
-// L1 positions, and the pairs that they use: the steps "skeleton" and 2.
+// L1 positions and the pairs that they use: the steps "skeleton" and 2.
 void ScreenAndInitialize(const PositionInput& input,
                          const PositionOptions& options,
                          const InitializationOptions& initialization,
@@ -127,8 +127,8 @@ Mask FindInconsistent(const PositionInput& input, const TranslationState& state,
       CompareMeasured(state, state.initial, state.placed.positions), options);
 }
 
-// The step "judge". All pairs are judged, also those rejected before: the final
-// positions may agree with them.
+// The step "judge". All pairs are tested, including those rejected before,
+// because the final positions may agree with them.
 PositionResult JudgePairs(const PositionInput& input,
                           const TranslationState& state,
                           TranslationResult averaged,
@@ -165,7 +165,7 @@ std::vector<std::optional<double>> BaselineLengths(
   return lengths;
 }
 
-// The result of one set of rotations, and what corrects them.
+// The result for one set of rotations, and their correction.
 struct PositionsByRotations {
   PositionResult result;
   TranslationState state;
@@ -225,8 +225,8 @@ RotationEstimate CorrectRotations(const ViewGraph& view_graph,
   return corrected;
 }
 
-// Whether rotations turn steps of the sequence that the rotations of the input
-// do not: a pose graph can tear a step that few pairs cross.
+// Whether `rotations` turn steps of the sequence that the input rotations do
+// not turn: a pose graph can tear a step that few pairs cross.
 bool TurnsMoreSteps(const PositionInput& input,
                     const PairFilteringOptions& options,
                     const RotationEstimate& rotations) {
@@ -236,7 +236,8 @@ bool TurnsMoreSteps(const PositionInput& input,
          FindTurnedSteps(evidence, input.rotations).Count();
 }
 
-// Whether corrected rotations displace steps less and place as many frames.
+// Whether corrected rotations reduce the displacement of steps and place as
+// many frames.
 bool IsBetter(const PositionResult& corrected, const PositionResult& result) {
   return corrected.displacement < result.displacement &&
          corrected.summary.is_metric == result.summary.is_metric &&

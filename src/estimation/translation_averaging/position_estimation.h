@@ -20,9 +20,9 @@ namespace mgsfm {
 
 // Positions and points of one connected component from its rotations, by
 // AverageTranslations() (mgsfm/translation_averaging/translation_averaging.h).
-// Rules of pair_filtering select its pairs between its stages, because
-// duplicate structures agree among themselves and robust averaging alone cannot
-// outvote them:
+// Rules of pair_filtering select pairs between its stages, because duplicate
+// structures agree with each other and robust averaging alone cannot outvote
+// them:
 //
 //   1           directions and relative lengths of all baselines
 //   skeleton    L1 positions by the skeletal graph
@@ -37,7 +37,7 @@ namespace mgsfm {
 // If steps of a sequence are displaced (pair_filtering/displaced_steps.h), the
 // rotations have drifted. A pose graph (translation_averaging/pose_graph.h)
 // corrects them, and all steps are repeated: at most three times, as long as
-// that reduces the displacement, places as many frames and turns no step
+// this reduces the displacement, places as many frames and turns no step
 // (pair_filtering/displaced_steps.h).
 
 struct PositionInput {
@@ -47,10 +47,10 @@ struct PositionInput {
   const FramePairIndex& index;  // of the view graph
   const RotationEstimate& rotations;
   const ObservationGroups& tracks;
-  // cam2_from_cam1 of pairs by the motion of the rig (moving_objects.h), in one
-  // unit of length; null or empty: unknown.
+  // cam2_from_cam1 of pairs from the motion of the rig (moving_objects.h), in
+  // one unit of length; null or empty: unknown.
   const std::vector<std::optional<Rigid3>>* pair_on_path = nullptr;
-  // Sees positions without points as they become better; may be null.
+  // Called with positions without points as they improve; may be null.
   std::function<void(const PositionEstimate&)> observer = {};
 };
 
@@ -62,8 +62,9 @@ struct PositionOptions {
 struct PositionResult {
   PositionEstimate estimate;
   TranslationSummary summary;
-  // Per pair of the view graph: its measured baseline contradicts the estimate;
-  // it did so, beyond the drift bound, with the positions of the skeleton, too.
+  // Per pair of the view graph: whether its measured baseline contradicts the
+  // estimate, and whether it also contradicts the skeleton beyond the drift
+  // bound.
   Mask pair_is_inconsistent;
   Mask pair_is_beyond_drift_bound;
   // Sum of the deviations of displaced steps, in the unit of measured lengths.
@@ -79,8 +80,8 @@ struct PositionResult {
                                                const PositionOptions& options,
                                                const Context& context);
 
-// The same without a pose graph, by another objective. Without one that refines
-// positions, L1 positions are solved for to a tighter tolerance.
+// The same without a pose graph, for another objective. If it does not refine
+// positions, L1 positions are computed to a tighter tolerance.
 [[nodiscard]] PositionResult EstimatePositionsBy(
     const PositionObjective& objective, const PositionInput& input,
     const PositionOptions& options, const Context& context);

@@ -38,7 +38,7 @@ double BlockCost(const BlockPenalty& block, const Vector3d& z) {
   return z.lpNorm<1>();
 }
 
-// The factor by which the prox of a norm shrinks its argument.
+// The factor by which the proximal map of a norm shrinks its argument.
 double Shrunk(double norm, double rho) {
   return norm * rho > 1.0 ? 1.0 - 1.0 / (rho * norm) : 0.0;
 }
@@ -98,11 +98,11 @@ using Eigen::Vector3d;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// Lengths known this well weigh as much as directions. If they weighed less,
+// Lengths known this well have the weight of directions. With less weight,
 // wrong directions could shorten good baselines instead of being outliers.
 constexpr double kGoodScaleSigma = 0.15;
 // Standard deviation of log(median depth) between groups: depths differ by a
-// factor of two. The groups share no measurement that would tell it.
+// factor of two. The groups share no measurement.
 constexpr double kGroupSigma = 0.7;
 // Lower bound of a baseline, relative to its estimated length.
 constexpr double kLowerBound = 0.1;
@@ -110,12 +110,12 @@ constexpr double kLowerBound = 0.1;
 // units of the median baseline: two of them reach the baseline itself.
 constexpr double kMaxSensorSigma = 0.5;
 // Ridge rows kRidge x with weight kRidgeWeight make A^T A definite. Their pull
-// is 1e-8 of that of a pair with a baseline of one unit.
+// is 1e-8 times that of a pair with a baseline of one unit.
 constexpr double kRidge = 1e-4;
 constexpr double kRidgeWeight = 1e-4;
 
-// The frames of the largest set that pairs connect; the set of the first frame
-// if several are equally large.
+// The frames of the largest set that pairs connect; ties go to the set of the
+// first frame.
 Mask LargestConnectedSet(const InitializationInput& in) {
   const int num_frames = in.problem.num_frames;
   UnionFind sets(num_frames);
@@ -145,8 +145,8 @@ Mask LargestConnectedSet(const InitializationInput& in) {
   return is_in_set;
 }
 
-// Per pair: lower bound of the length that it counts with. Zero for pairs in a
-// frame: their baselines are those of the rig.
+// Per pair: lower bound of the length used in its weight. Zero for pairs within
+// a frame, whose baselines belong to the rig.
 std::vector<double> MinCountedLengths(const InitializationInput& in) {
   const int num_frames = in.problem.num_frames;
   std::vector<std::vector<double>> lengths(num_frames);
@@ -166,11 +166,11 @@ std::vector<double> MinCountedLengths(const InitializationInput& in) {
   for (size_t i = 0; i < in.baselines.size(); ++i) {
     if (!in.IsDirectionBetweenFrames(i)) continue;
     const auto [f1, f2] = in.FramesOf(i);
-    // A pair counts with at least this share of the lower quartile of its
-    // frames' lengths. Otherwise pairs that match a vehicle ahead, with 1/50 to
-    // 1/100 of the true length, outvote the others: on KITTI 01 with the cube6
-    // rig the error was 8 m instead of 0.8 m
-    // (docs/maths/translation_averaging.md, section 3).
+    // The length is at least this fraction of the lower quartile of its frames'
+    // lengths. Otherwise, pairs that match a vehicle ahead, with 1/50 to 1/100
+    // of the true length, outvote the others: on KITTI 01 with the cube6 rig
+    // the error was 8 m instead of 0.8 m (docs/maths/translation_averaging.md,
+    // section 3).
     min_length[i] = 0.5 * std::min(quartile[f1], quartile[f2]);
   }
   return min_length;
@@ -188,7 +188,7 @@ std::vector<int> FreeSensors(const PositionProblem& problem) {
 
 // Numbers of the unknowns: the frames first, then sensors, unit and groups.
 struct Unknowns {
-  // First column of each; nullopt if it is constant.
+  // First column of each element; nullopt if constant.
   std::vector<std::optional<int>> frame_column;
   std::vector<std::optional<int>> sensor_column;
   std::vector<std::optional<int>> group_column;
@@ -304,7 +304,8 @@ void AddGroupPriors(const PairScales& scales, const Unknowns& unknowns,
                     BlockSystem* system) {
   constexpr double kWeight = kDirectionSigma / kGroupSigma;
   for (size_t g = 1; g < unknowns.group_column.size(); ++g) {
-    // The weight equals the pull of the rows of the group if they were noise.
+    // The weight equals the pull of the rows of the group if they were pure
+    // noise.
     BlockPenalty penalty;
     penalty.weight = scales.group_sizes[g];
     system->triplets.emplace_back(system->num_rows(), *unknowns.group_column[g],
@@ -381,7 +382,7 @@ std::optional<MatrixXd> ExtrinsicCovariance(const BlockSystem& system,
                   (block + block.transpose()));
 }
 
-// Rows over the translations of free sensors that are not determined.
+// Rows over the free sensor translations that are not determined.
 MatrixXd FindUnobservable(const MatrixXd& covariance, size_t num_free_sensors) {
   const auto size = static_cast<Eigen::Index>(3 * num_free_sensors);
   if (size == 0) return MatrixXd(0, 0);
@@ -395,7 +396,7 @@ MatrixXd FindUnobservable(const MatrixXd& covariance, size_t num_free_sensors) {
   return eigen.eigenvectors().rightCols(num_weak).transpose();
 }
 
-// Holds undetermined directions at zero.
+// Fixes undetermined directions at zero.
 void AddUnobservable(const MatrixXd& unobservable, const Unknowns& unknowns,
                      BlockSystem* system) {
   // Exceeds the pull of all data rows together
@@ -441,7 +442,7 @@ Solution Minimize(const BlockSystem& system, const Unknowns& unknowns,
     }
     return solution;
   };
-  // Border of the arrow solver, which is dense; larger problems use the sparse
+  // The border of the arrow solver is dense; larger borders use the sparse
   // solver.
   if (unknowns.size - unknowns.num_frame_columns > 100) {
     return minimize(SparseLeastSquares(A, context.num_threads));
@@ -454,7 +455,7 @@ struct Attempt {
   Unknowns unknowns;
   Solution solution;
   MatrixXd unobservable;
-  // The unit of known sensor offsets is an unknown that the data determine.
+  // Whether the data determine the unit of known sensor offsets.
   bool unit_is_determined = false;
 };
 
@@ -487,7 +488,7 @@ Attempt Solve(const InitializationInput& in, const Positions& placed,
   attempt.solution = Minimize(system, attempt.unknowns, options, context);
   const MatrixXd& x = attempt.solution.x;
   if (!estimate_unit || x.size() == 0) return attempt;
-  // Three standard deviations from zero.
+  // Whether the unit is three standard deviations from zero.
   const double variance =
       (*covariance)(covariance->rows() - 1, covariance->cols() - 1);
   attempt.unit_is_determined =

@@ -17,8 +17,8 @@
 namespace mgsfm {
 
 // The non-smooth function of the position initialization
-// (position_initialization.h) as math/l1_admm.h wants it: a sum over blocks of
-// three rows.
+// (position_initialization.h) in the form of math/l1_admm.h: a sum over blocks
+// of three rows.
 
 struct BlockPenalty {
   enum class Kind {
@@ -34,11 +34,11 @@ struct BlockPenalty {
   double bound = 0.0;
 };
 
-// The prox of phi at v with step 1 / rho, where phi(v) = |v| for v >= bound and
-// rises with slope `steep` >= 1 below bound <= 0.
+// The proximal map of phi at v with step 1 / rho, where phi(v) = |v| for v >=
+// bound and rises with slope `steep` >= 1 below bound <= 0.
 double ProxOfScaleResidual(double v, double rho, double bound, double steep);
 
-// f of the ADMM.
+// The function f of the ADMM.
 struct BlockFunction {
   std::vector<BlockPenalty> blocks;
   int num_threads = 1;
@@ -49,7 +49,7 @@ struct BlockFunction {
 
 // Rows A x - b in blocks of three, with their penalties. The coefficients of a
 // frame in a block are a multiple of a rotation, so that A^T A has the form
-// that arrow_least_squares.h needs.
+// required by arrow_least_squares.h.
 struct BlockSystem {
   std::vector<Eigen::Triplet<double>> triplets;
   std::vector<double> rhs;
@@ -81,13 +81,13 @@ inline constexpr double kDirectionSigma = DegToRad(0.5);
 //   of all pairs of a frame with other frames; scale_p of pairs in a frame,
 //
 // over the frame centers, the translations of free sensors, and the factors
-// a_g. It is eq. (11) of MGSfM, min |s b - C| with s bounded from below, with
-// the unknown s eliminated pair by pair, norms that do not depend on the axes,
-// and measured lengths and bounds instead of the same bound 1 for all.
+// a_g. This is eq. (11) of MGSfM, min |s b - C| with s bounded from below, with
+// the unknown s eliminated per pair, norms that do not depend on the axes, and
+// measured lengths and bounds instead of the same bound 1 for all.
 //
 // Gauge: the first placed frame is at the origin, a_0 = 1. With known sensor
-// offsets, their length in the unit of a_0 is one more unknown; the result is
-// in the unit in which they are known.
+// offsets, their length in the unit of a_0 is a further unknown, and the result
+// is in the unit of these offsets.
 //
 // Directions of sensor translations whose standard deviation exceeds half of
 // the unit are not determined; they are set to zero and reported.
@@ -98,13 +98,13 @@ inline constexpr double kDirectionSigma = DegToRad(0.5);
 struct InitialPositions {
   Positions positions;
   SolveSummary solve;
-  // Length that scale_p = 1 has in each group.
+  // The length of scale_p = 1 in each group.
   std::vector<double> group_factor;
   // Orthonormal rows over the stacked translations of free sensors (3 each, in
-  // the order of free_sensors) that are not determined.
+  // the order of free_sensors) that span the undetermined directions.
   std::vector<int> free_sensors;
   Eigen::MatrixXd unobservable;
-  // Known sensor offsets determine the unit of length.
+  // Whether known sensor offsets determine the unit of length.
   bool is_metric = false;
 };
 
@@ -139,8 +139,8 @@ struct InitializationOptions {
   double relative_tolerance = 1e-4;
 };
 
-// Frames outside the largest connected component of the used pairs stay
-// unplaced.
+// Frames outside the largest connected component of the used pairs get no
+// position.
 InitialPositions InitializePositions(const InitializationInput& input,
                                      const InitializationOptions& options,
                                      const Context& context = {});

@@ -31,12 +31,12 @@ struct PositionProblem {
   bool IsUsed(int image_idx) const {
     return world_from_cam[image_idx].has_value();
   }
-  // A known sensor away from the rig's origin can tell the unit of length.
+  // A known sensor away from the rig's origin can determine the unit of length.
   bool HasKnownOffset(int sensor_idx) const {
     return !fixed_translation[sensor_idx].isZero(0.0);
   }
   bool HasKnownOffset() const;
-  // Per frame: it has an image with a rotation.
+  // Per frame: whether it has an image with a rotation.
   Mask FramesWithRotation() const;
 };
 

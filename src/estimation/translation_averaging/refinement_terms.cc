@@ -8,8 +8,8 @@
 namespace mgsfm {
 namespace {
 
-// Errors of scales beyond their own estimates. Half or twice the value changes
-// no error, as for kZeroBaselineWeight (docs/results/constants.md).
+// Errors of scales beyond their own estimates. Half or twice the value does not
+// change errors, as for kZeroBaselineWeight (docs/results/constants.md).
 constexpr double kScaleSigma = 0.1;
 // Relative to the weight of a direction, per unit of length: a pair without
 // parallax bounds its baseline only loosely.

@@ -12,20 +12,21 @@
 
 namespace mgsfm {
 
-// The terms that the refinements of positions share, whatever the form of their
-// residuals: which pairs they use, and with which weights.
+// The terms common to the refinements of positions, independent of the form of
+// the residuals: the pairs that they use, and their weights.
 
 struct RefinementOptions {
   int max_num_iterations = 50;
   RobustLossType loss = RobustLossType::kCauchy;
   double loss_scale_rad = 0.0;
-  // The scale is then free to change; steps are damped, so it needs no gauge.
+  // The scale is then free; steps are damped, so it needs no gauge.
   bool starts_at_random = false;
   double function_tolerance = 1e-6;
   SolverBackend backend = SolverBackend::kNative;
 };
 
-// Results of the earlier stages. Without any baselines, points determine all.
+// Results of the earlier stages. Without baselines, points determine
+// everything.
 struct RefinementInput {
   const PositionProblem& problem;
   const std::vector<BaselineDirection>& baselines;
@@ -38,8 +39,8 @@ struct RefinementInput {
     return problem.sensor_kind[problem.sensor_idx[image_idx]] ==
            SensorKind::kFree;
   }
-  // A used pair of this kind, between placed images, whose baseline is not
-  // constant.
+  // Whether a pair is used and of this kind, between placed images, and has a
+  // baseline that is not constant.
   bool IsUsable(size_t pair_idx, BaselineKind kind,
                 const Positions& positions) const;
   // The measured length of a kDirection pair in the unit of positions.
@@ -53,8 +54,8 @@ struct RefinementInput {
   double DirectionWeight(size_t pair_idx, double weight) const;
   // Weight of the logarithm of the length.
   double LengthWeight(size_t pair_idx) const;
-  // Weight of baselines without parallax. It is small: they only place frames
-  // that nothing else constrains.
+  // Weight of baselines without parallax. It is small: these pairs only place
+  // frames that nothing else constrains.
   double ZeroBaselineWeight() const;
 };
 
@@ -62,8 +63,8 @@ struct RefinementInput {
 // observations of points, so full weight would count them twice. Half or twice
 // the value changes errors by at most 2 % (docs/results/constants.md).
 constexpr double kPairWeightWithPoints = 0.1;
-// The length of a baseline is smoothed below this share of its measured length,
-// where its direction is undefined.
+// The length of a baseline is smoothed below this fraction of its measured
+// length, where its direction is undefined.
 constexpr double kMinRelativeLength = 1e-4;
 
 // The loss of the refinement without points is annealed: its scale is
@@ -74,15 +75,15 @@ constexpr double kMinRelativeLength = 1e-4;
 constexpr double kLossAnnealing[] = {8.0, 2.0, 1.0};
 constexpr int kNumCoarseRefinements = 10;
 
-// There is enough to refine positions and points with.
+// Whether there is enough data to refine positions and points.
 bool IsDetermined(const RefinementInput& input,
                   const std::vector<size_t>& track_idxs);
 
-// The summary of a solve that was not necessary.
+// The summary of an unnecessary solve.
 SolveSummary NothingToDo(const char* message);
 
-// An objective for positions: refines positions alone, and with points. Null: a
-// refinement is omitted.
+// An objective for positions: refines positions alone, and with points. A null
+// function omits that refinement.
 struct PositionObjective {
   SolveSummary (*refine_cameras)(const RefinementInput& input,
                                  const RefinementOptions& options,

@@ -25,8 +25,8 @@ namespace {
 //
 // A median of five tolerates two outliers.
 constexpr int kMinNumCommon = 5;
-// Links of one pair in one image, most certain first. A bound on time: the
-// pairs of an image are about equally redundant.
+// Maximum number of links of one pair in one image, most certain first. It
+// bounds the time: the pairs of an image are about equally redundant.
 constexpr int kMaxNumLinks = 3;
 // Errors that remain however many keypoints vote: 3 % of a ratio, 5 % of a
 // length.
@@ -35,7 +35,8 @@ constexpr double kMinScaleSigma = 0.05;
 // The error of expected lengths; links by matches have 40 times the weight.
 constexpr double kExpectedLengthSigma = 0.2;
 // Cauchy loss in standard deviations of a link: from kFirstLossScale, halved
-// each round, to kLastLossScale, which takes four rounds; the others converge.
+// each round, to kLastLossScale, which takes four rounds; further rounds
+// converge.
 constexpr double kFirstLossScale = 30.0;
 constexpr double kLastLossScale = 3.0;
 
@@ -51,7 +52,7 @@ struct ScaleLink {
   }
 };
 
-// A pair seen from one of its images: its depths there.
+// A pair and its depths in one of its images.
 struct PairEnd {
   int pair_idx;
   int side;
@@ -145,7 +146,7 @@ void LinkEqualLengths(const std::vector<BaselineDirection>& baselines,
     for (const int i : pair_idxs) {
       if (baselines[i].kind != BaselineKind::kDirection) continue;
       // The error of lengths that are equal if the cameras of the rig trigger
-      // simultaneously, as large as kMinScaleSigma.
+      // simultaneously; as large as kMinScaleSigma.
       if (first) links->push_back({*first, i, 0.0, 0.05});
       if (!first) first = i;
     }
@@ -233,8 +234,7 @@ Eigen::VectorXd Linearize(const std::vector<ScaleLink>& links,
   double* values = H.valuePtr();
   std::fill_n(values, H.nonZeros(), 0.0);
   for (Eigen::Index i = 0; i < log_scale.size(); ++i) {
-    // Fixes the gauge of each group; negligible beside the weights of the
-    // links.
+    // Fixes the gauge of each group; negligible compared with the link weights.
     values[H.outerIndexPtr()[i]] = 1e-6;
   }
   for (size_t k = 0; k < links.size(); ++k) {
@@ -279,8 +279,8 @@ Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
   return log_scale;
 }
 
-// Per pair, from the residuals of its links by matches. Where only an expected
-// length links it, from its error.
+// Per pair, from the residuals of its links by matches; from the error of the
+// expected length if nothing else links the pair.
 std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
                                 const Eigen::VectorXd& log_scale) {
   std::vector<std::vector<double>> errors(log_scale.size());
@@ -304,8 +304,8 @@ std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
   return sigmas;
 }
 
-// Zero, i.e. one baseline, for directions of pairs without matches. Such
-// a pair is a group of its own.
+// Zero, i.e. one baseline, for directions of pairs without matches. Such a pair
+// forms its own group.
 double MedianLogDepth(const BaselineDirection& baseline) {
   if (baseline.depths[0].empty()) return 0.0;
   std::vector<double> log_depths;
@@ -346,7 +346,7 @@ ScaleGroups NumberGroups(const std::vector<BaselineDirection>& baselines,
   return groups;
 }
 
-// Chooses the unit of each group, of which log_scale knows nothing: equal
+// Chooses the unit of each group, which log_scale does not determine: equal
 // median depths, and 1 for the median scale of group 0.
 PairScales ChooseUnits(const std::vector<BaselineDirection>& baselines,
                        const ScaleGroups& groups,

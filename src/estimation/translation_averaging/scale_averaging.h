@@ -19,8 +19,8 @@ struct PairScale {
 };
 
 // Relative lengths of the baselines of pairs. All pairs of a group share one
-// unknown factor. The factors are chosen such that the median depth of points
-// is the same in all groups, which is a guess: nothing links two groups.
+// unknown factor. The factors are chosen such that all groups have the same
+// median point depth. This is a guess, because nothing links two groups.
 struct PairScales {
   // Per pair; nullopt unless the pair is kDirection.
   std::vector<std::optional<PairScale>> pairs;
@@ -30,7 +30,7 @@ struct PairScales {
   double typical_depth = 0.0;
 };
 
-// Knowledge of the lengths of baselines beside the depths of their matches.
+// Knowledge of baseline lengths other than from depths of their matches.
 struct LengthHints {
   // Sets of pairs with equal baselines: two cameras of a rig have the same one
   // in all frames.
@@ -52,16 +52,16 @@ struct LengthHints {
 // forest. Stops when no log s changes by more than 1e-4, or after 20 rounds.
 // Gauge: one factor per group; the unit is the median of `scale` in group 0.
 // Hints add links: between the pairs of each set of equal lengths, and from
-// each expected length to its unit. The latter are weak; they decide where
-// matches do not link pairs. Cost: O(sum over images of (pairs of the image)^2
-// * matches) for the edges, in parallel, and 20 sparse factorizations of a
-// matrix with one row per pair.
+// each expected length to its unit. Links from expected lengths are weak; they
+// decide where matches do not link pairs. Cost: O(sum over images of (pairs of
+// the image)^2 * matches) for the edges, in parallel, and 20 sparse
+// factorizations of a matrix with one row per pair.
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
                          const LengthHints& hints = {});
 
-// The inputs of baseline consistency (pair_filtering/skeleton_consistency.h)
-// from the values of translation averaging.
+// The inputs of baseline consistency (pair_filtering/skeleton_consistency.h),
+// computed from translation averaging.
 
 // Per direction: the baseline scale * group_factor * direction. Pairs in the
 // largest scale group are comparable.

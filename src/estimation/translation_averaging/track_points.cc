@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Lines of sight that must agree on the center of a frame, which two determine.
+// Lines of sight that must agree on the center of a frame; two determine it.
 // Half or twice as many change no error (docs/results/constants.md).
 constexpr int kMinNumResectionPoints = 6;
 
@@ -48,7 +48,7 @@ struct AcceptedPoint {
   Mask is_inlier;  // per ray of the track
 };
 
-// The point if at least `min_num_inliers` observations agree with it, two of
+// The point, if at least `min_num_inliers` observations agree with it, two of
 // them at a sufficient angle.
 std::optional<AcceptedPoint> Accept(const OneTrack& track,
                                     const TrackPointOptions& options,
@@ -111,7 +111,7 @@ std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
       if (!rays.has_ray[k] || positions.frame_is_placed[frame_idx]) {
         continue;
       }
-      // The line is moved from the camera to the center of the frame.
+      // Shifts the line from the camera center to the frame center.
       const Vector3d offset =
           *problem.world_from_cam[image_idx] *
           positions.sensor_translation[problem.sensor_idx[image_idx]];

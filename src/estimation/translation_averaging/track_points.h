@@ -27,7 +27,7 @@ TrackRays ComputeTrackRays(const PositionProblem& problem,
 
 struct TrackPoints {
   std::vector<std::optional<Eigen::Vector3d>> point_in_world;  // per track
-  // Per observation of the tracks: it agrees with its point.
+  // Per observation of the tracks: whether it agrees with its point.
   Mask observation_is_used;
 };
 
@@ -40,20 +40,20 @@ struct TrackPointOptions {
   double max_error_rad = 0.0;  // of an observation
   double min_angle_rad = 0.0;  // between two rays of a point
   // Lower bound of the distance to the cameras that see the point. Rays from
-  // about the same place seem to meet close to it, wherever the point is.
+  // nearly one center seem to meet close to it, wherever the point is.
   double min_depth = 0.0;
 };
 
 // Triangulates all tracks: the previous point if all observations agree with
-// it, else the L1 solution if all agree with that, else the robust one.
+// it, else the L1 solution if all agree with it, else the robust solution.
 // `previous` has no points or one item per track. Parallel over tracks.
 TrackPoints TriangulateTracks(const PositionProblem& problem,
                               const TrackRays& rays, const Positions& positions,
                               const TrackPointOptions& options, int num_threads,
                               TrackPoints previous = {});
 
-// Places frames that are not yet placed by the points that they see: the lines
-// of sight are intersected in the center of the frame.
+// Places frames without a position by the points that they see: the frame
+// center is the intersection of the lines of sight.
 struct FramePlacement {
   Positions positions;
   int num_placed = 0;
@@ -69,8 +69,8 @@ FramePlacement PlaceFramesByPoints(const PositionProblem& problem,
 double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
                     const TrackPoints& points, const Positions& positions);
 
-// Tracks to estimate positions with: the longest first, until every image has
-// at least `min_per_image` observations or no tracks are left. 0 selects all
+// Tracks for estimating positions: the longest first, until every image has at
+// least `min_per_image` observations or no tracks are left. 0 selects all
 // tracks with a point.
 std::vector<size_t> SelectTracks(const TrackRays& rays,
                                  const TrackPoints& points, int num_images,

@@ -15,13 +15,13 @@ namespace mgsfm {
 namespace {
 
 // The coarse refinement prepares a second triangulation, so it ends early. Half
-// and twice the iterations change errors by less than 1 %, those of the loss by
-// at most 8 % (docs/results/constants.md).
+// and twice the iterations change errors by less than 1 %, half and twice the
+// loss scale by at most 8 % (docs/results/constants.md).
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr int kNumCoarseIterations = 10;
 // Lower bound of the depth of points, relative to the typical depth: nearer
-// ones come from rays of nearly one origin. Half or twice the value
-// changes no error (docs/results/constants.md).
+// points come from rays with nearly the same origin. Half or twice the value
+// does not change errors (docs/results/constants.md).
 constexpr double kMinRelativeDepth = 0.02;
 
 RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
@@ -59,13 +59,13 @@ SolveSummary RefineJointly(const TrackStage& stage,
 std::string DescribeUnobservable(int num_directions) {
   return std::to_string(num_directions) +
          " of 3 directions of the translation of sensor_from_rig are not "
-         "determined: the frames rotate too little for the matches of this "
+         "determined by the rotations of the frames and the matches of this "
          "sensor with others; they are set to zero.";
 }
 
-// A rig that moves, by its path, sees no parallax on vehicles that move along.
-// Such pairs would hold their frames together. Expected lengths and scales
-// differ by a unit, the median of their ratios.
+// A moving rig sees no parallax on vehicles that move along. Such pairs would
+// hold their frames together. Expected lengths and scales differ by a unit, the
+// median of their ratios.
 void IgnoreMovingPairsWithoutParallax(
     const std::vector<std::optional<double>>& expected_length,
     double min_parallax_deg, PairMeasurements* pairs) {
@@ -77,8 +77,8 @@ void IgnoreMovingPairsWithoutParallax(
   }
   if (units.empty()) return;
   const double unit = Median(std::move(units));
-  // A pair without parallax does not move by more, in standard deviations;
-  // normal errors exceed it with probability 3e-2 in three dimensions.
+  // Longer baselines are unlikely without parallax: normal errors exceed this
+  // many standard deviations with probability 3e-2 in three dimensions.
   const double max_length =
       3.0 * ZeroBaselineSigma(pairs->scales, min_parallax_deg);
   for (size_t i = 0; i < expected_length.size(); ++i) {
@@ -201,7 +201,8 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
       AngularSigma(input.problem, rays, placed.points, placed.positions);
   refinement = CommonOptions(options);
   // At 2.4 standard deviations, the Cauchy loss is 95 % efficient for normal
-  // noise. The lower bound is 0.14 pixels at a focal length of 800 pixels.
+  // noise. The lower bound corresponds to 0.14 pixels at a focal length of 800
+  // pixels.
   refinement.loss_scale_rad = std::clamp(
       2.4 * sigma, std::min(DegToRad(0.01), max_angle_rad), max_angle_rad);
   refinement.function_tolerance = 1e-5;
@@ -291,9 +292,9 @@ void SummarizeEstimate(const PositionProblem& problem,
         initial.unobservable.middleCols(static_cast<Eigen::Index>(3 * k), 3);
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
         part.transpose() * part);
-    // A sensor is reported unless less than this share of its squared motion
+    // A sensor is reported unless less than this fraction of its squared motion
     // lies in the undetermined subspace. N sensors that move together have 1 /
-    // N each; a share below this value is less than a tenth of the motion.
+    // N each; a smaller fraction is less than a tenth of the motion.
     const auto num_weak =
         static_cast<int>((eigen.eigenvalues().array() > 0.01).count());
     if (num_weak == 0) continue;

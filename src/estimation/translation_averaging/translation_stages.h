@@ -26,11 +26,11 @@ namespace mgsfm {
 // (mgsfm/translation_averaging/translation_averaging.h), from known rotations
 // to positions and points.
 
-// Stopping criterion of L1 positions that a refinement follows. Ten times
-// tighter, they would start the refinement no better: errors along long bends
-// are gone after its first step.
+// Stopping criterion of L1 positions before a refinement. A value ten times
+// tighter would not improve the start: the first step of the refinement removes
+// errors along long bends.
 constexpr double kStartTolerance = 1e-3;
-// Errors of positions by pairs alone, before points are used: some degrees of
+// Errors of positions from pairs alone, before points are used: some degrees of
 // error in the direction to a point. Half or twice the value changes errors by
 // at most 2 % (docs/results/constants.md).
 constexpr double kCoarseErrorRad = DegToRad(4.0);
@@ -50,8 +50,9 @@ PairMeasurements MeasurePairs(const BaselineInput& input,
 void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
                     TranslationSummary* summary);
 
-// Positions by the directions of pairs alone (angle_refinement.h), from
-// input.initial. Without a usable solution the result is the start.
+// Positions from the directions of pairs alone (position_rig_problem.h),
+// starting at input.initial. Without a usable solution, the result is the
+// start.
 struct RefinedPositions {
   Positions positions;
   SolveSummary solve;
@@ -62,16 +63,16 @@ RefinedPositions RefineWithPairs(
     const PositionObjective& objective = kNonBilinearObjective);
 
 // Triangulates the points of placed->positions again. The lower bound of their
-// depth is a share of the typical depth of input.scales.
+// depth is a fraction of the typical depth of input.scales.
 void TriangulateAgain(const RefinementInput& input, const TrackRays& rays,
                       double max_error_rad,
                       const TranslationAveragingOptions& options,
                       int num_threads, PositionsAndPoints* placed);
 
-// Positions and points by all rays: a coarse triangulation and joint refinement
-// by eq. (18) of MGSfM, then triangulation and refinement at the noise level of
-// the rays. Frames without usable pairs are placed by points in between. An
-// objective without points triangulates coarsely only.
+// Positions and points from all rays: a coarse triangulation and joint
+// refinement by eq. (18) of MGSfM, then triangulation and refinement at the
+// noise level of the rays. Points place the frames without usable pairs in
+// between. An objective without points only triangulates coarsely.
 struct TrackRefinement {
   PositionsAndPoints placed;
   SolveSummary solve;  // of the last refinement
@@ -83,7 +84,7 @@ TrackRefinement RefineWithTracks(
     const PositionObjective& objective = kNonBilinearObjective);
 
 // The factor that returns positions to the measured lengths of the used pairs.
-// Angles leave the common scale open, so that it drifts in refinements.
+// Angles do not determine the common scale, so it drifts in refinements.
 double FactorToMeasuredLengths(const RefinementInput& input,
                                const Positions& positions);
 
@@ -99,7 +100,7 @@ void SummarizeEstimate(const PositionProblem& problem,
                        const PositionEstimate& estimate,
                        TranslationSummary* summary);
 
-// What the stages have measured and estimated so far.
+// The measurements and estimates of the stages so far.
 struct TranslationState {
   PositionProblem problem;
   PairMeasurements pairs;
@@ -115,9 +116,10 @@ struct TranslationState {
   }
 };
 
-// What a caller of AverageTranslations() adds to its stages: the rules of pair
-// filtering (translation_averaging/position_estimation.h), or another objective
-// (baselines/position_baselines.h). Null functions do nothing.
+// Functions that a caller adds to the stages of AverageTranslations(): the
+// rules of pair filtering (translation_averaging/position_estimation.h), or
+// another objective (baselines/position_baselines.h). Null functions do
+// nothing.
 struct TranslationHooks {
   LengthHints length_hints = {};
   PositionObjective objective = kNonBilinearObjective;
@@ -125,9 +127,9 @@ struct TranslationHooks {
   std::function<void(TranslationState*)> initialize = {};
   // Removes used pairs after stage 3, if the objective has that stage.
   std::function<void(TranslationState*)> select_pairs = {};
-  // Sees positions without points as they become better.
+  // Called with positions without points as they improve.
   std::function<void(const PositionEstimate&)> observer = {};
-  // Gets the state after the last stage.
+  // Receives the state after the last stage.
   std::function<void(TranslationState)> finish = {};
 };
 

@@ -24,12 +24,12 @@ using internal::FocalEquations;
 using internal::FocalPair;
 using internal::LensOffset;
 
-// A single pair has one equation for a focal length, and its errors are not
-// checked by others.
+// A single pair has one equation for a focal length, and no other pair checks
+// its errors.
 constexpr int kMinNumPairs = 3;
 // Grid of the initial search: 15 factors in geometric progression from 0.4 to
-// 2.5, each 1.14 times the one before. Gauss-Newton corrects a remaining error
-// of 7 %.
+// 2.5, each 1.14 times the previous one. Gauss-Newton corrects a remaining
+// error of 7 %.
 constexpr int kNumFactors = 15;
 const double kMaxLogFactor = std::log(2.5);
 // Distortions of the initial search, at the corner of the image: wide lenses
@@ -40,21 +40,22 @@ constexpr std::array<double, 4> kDistortions = {0.0, -0.15, -0.3, 0.1};
 constexpr double kSigmaOfDistortion = 0.2;
 constexpr double kSigmaOfPrincipalPoint = 0.02;
 constexpr double kSigmaOfConstant = 1e-6;
-// An estimate outside of the searched range by more than a fifth diverged.
+// An estimate that exceeds the searched range by more than a fifth has
+// diverged.
 constexpr double kMaxRelativeLogFactor = 1.2;
 // The relative error that all pairs of a camera share: the root mean square
-// error of pairs of recorded rigs whose motion determines focal lengths.
+// error of pairs on recorded rigs whose motion determines focal lengths.
 constexpr double kSharedSigma = 0.02;
-// Poses start at those of the previous focal lengths. Steps of 0.2 cross the
-// whole range in ten iterations; five halvings leave 3 % of a step.
+// Poses start at their values for the previous focal lengths. Steps of 0.2
+// cross the whole range in ten iterations; five halvings leave 3 % of a step.
 constexpr int kNumPoseIterations = 5;
-// Small against the standard deviations that pairs can have; the result is only
-// the start of maps.
+// Small compared with the standard deviations from pairs; the result only
+// initializes reconstructions.
 constexpr double kMinStep = 1e-3;
-// A check of a focal length need not be accurate.
+// Checking a focal length requires less accuracy.
 constexpr double kMinStepOfMeasurement = 3e-2;
-// A pair is wrong if its median error exceeds that of most pairs by this
-// factor: the medians of right pairs are about equal, as detectors have one
+// A pair is wrong if its median error exceeds the median over pairs by this
+// factor. Correct pairs have about equal medians, because detectors have one
 // accuracy.
 constexpr double kOutlierFactor = 3.0;
 // Lower bound of the keypoint noise; keeps exact (simulated) data from
@@ -79,8 +80,8 @@ struct Unknowns {
 
   size_t size() const { return camera_idxs.size(); }
 
-  // Unknowns of both cameras of a pair; only the first is set if they are one
-  // camera.
+  // Unknowns of both cameras of a pair; only the first is set if the pair has
+  // one camera.
   std::array<std::optional<int>, 2> OfPair(const FocalPair& pair) const {
     return {of_camera[pair.camera_idx1()],
             pair.camera_idx1() == pair.camera_idx2()
@@ -89,14 +90,14 @@ struct Unknowns {
   }
 };
 
-// The value of an unknown; zero without one.
+// The value of an unknown; zero if there is none.
 LensOffset ValueOf(const Eigen::VectorXd& s,
                    const std::optional<int>& unknown) {
   return unknown ? LensOffset(s.segment<kLensSize>(kLensSize * *unknown))
                  : LensOffset::Zero();
 }
 
-// What the prior adds to the cost.
+// The cost of the prior.
 double CostOfPrior(const Eigen::VectorXd& s, const Unknowns& unknowns) {
   double cost = 0.0;
   for (int c = 0; c < static_cast<int>(unknowns.size()); ++c) {
@@ -105,7 +106,7 @@ double CostOfPrior(const Eigen::VectorXd& s, const Unknowns& unknowns) {
   return cost;
 }
 
-// `include_priors`: also cameras with a prior.
+// `include_priors`: also include cameras with a prior.
 Unknowns FindUnknowns(const Scene& scene, bool include_priors) {
   Unknowns unknowns;
   unknowns.of_camera.resize(scene.cameras.size());
@@ -169,7 +170,7 @@ std::vector<FocalPair> SelectPairs(const Scene& scene,
   return pairs;
 }
 
-// Initializes the poses; drops pairs without.
+// Initializes the poses; drops pairs for which this fails.
 std::vector<FocalPair> InitializePairs(std::vector<FocalPair> pairs,
                                        const Context& context) {
   Mask has_pose(pairs.size());
@@ -186,7 +187,7 @@ std::vector<FocalPair> InitializePairs(std::vector<FocalPair> pairs,
   return kept;
 }
 
-// The pairs that depend on no unknown but c, at equal spacing.
+// The pairs that depend on no unknown other than c, at equal spacing.
 std::vector<size_t> SelectSearchPairs(const std::vector<FocalPair>& pairs,
                                       const Unknowns& unknowns, int c) {
   std::vector<size_t> selected;
@@ -204,9 +205,9 @@ std::vector<size_t> SelectSearchPairs(const std::vector<FocalPair>& pairs,
   return selected;
 }
 
-// The lens of one unknown with the lowest cost on the grid, by the pairs that
-// depend on no other unknown. For each distortion, factors are visited outwards
-// from one, and each pose starts at that of the factor before.
+// The lens of one unknown with the lowest cost on the grid, over the pairs that
+// depend on no other unknown. For each distortion, factors are visited outward
+// from one, and each pose starts at its value for the previous factor.
 LensOffset SearchLens(const std::vector<FocalPair>& pairs,
                       const Unknowns& unknowns, int c, int num_threads) {
   constexpr int kMiddle = kNumFactors / 2;
@@ -250,7 +251,7 @@ LensOffset SearchLens(const std::vector<FocalPair>& pairs,
   return lens_at(best);
 }
 
-// Sets the rays of all pairs to the lenses and returns the total cost.
+// Sets the rays of all pairs for these lenses and returns the total cost.
 double SetLenses(const Eigen::VectorXd& s, const Unknowns& unknowns,
                  int num_threads, std::vector<FocalPair>* pairs) {
   std::vector<double> costs(pairs->size());
@@ -323,13 +324,13 @@ ReducedEquations Reduce(const std::vector<FocalPair>& pairs,
     reduced.gradient.segment<kLensSize>(kLensSize * c) +=
         weight.cwiseProduct(ValueOf(s, c));
   }
-  // Damping of log factors: one that no pair determines does not change.
+  // Damps log factors: a factor that no pair determines does not change.
   reduced.hessian.diagonal().array() += 1e-6;
   return reduced;
 }
 
-// Takes the step, shortened until the cost decreases. Returns false, with
-// everything unchanged, if it does not.
+// Takes the step, halved until the cost decreases. Returns false, without
+// changes, if it does not decrease.
 bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
              const Unknowns& unknowns, int num_threads,
              std::vector<FocalPair>* pairs, Eigen::VectorXd* s) {
@@ -339,7 +340,7 @@ bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
     cost += pair.Cost();
     poses.push_back(pair.pose());
   }
-  // Largest step of a log factor: the derivatives hold for about 20 %.
+  // Largest step of a log factor: derivatives are valid within about 20 %.
   double scale = std::min(1.0, 0.2 / step.cwiseAbs().maxCoeff());
   for (int i = 0; i < 5; ++i, scale *= 0.5) {
     for (size_t k = 0; k < pairs->size(); ++k) {
@@ -398,7 +399,7 @@ std::vector<FocalPair> DropOutliers(std::vector<FocalPair> pairs) {
   return kept;
 }
 
-// Variances of the log factors: the larger of those by the noise of residuals
+// Variances of the log factors: the maximum of the estimate from residual noise
 // and the sandwich estimate; see the header.
 Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
                                   const Unknowns& unknowns,
@@ -431,7 +432,7 @@ bool IsDiverged(double s) {
   return std::abs(s) > kMaxRelativeLogFactor * kMaxLogFactor;
 }
 
-// Why the estimate is not certain; empty if it is accepted.
+// Why the estimate is not accepted; empty if it is accepted.
 std::string RejectionReason(int num_pairs, double s,
                             const std::optional<double>& sigma,
                             double max_sigma) {
@@ -457,8 +458,8 @@ std::vector<int> CountPairs(const std::vector<FocalPair>& pairs,
   return num_pairs;
 }
 
-// A lens of the division model as SIMPLE_RADIAL: the k for which r + k r^3 fits
-// best to the radii of the image.
+// Converts a lens of the division model to SIMPLE_RADIAL: the k for which r + k
+// r^3 best fits the radii of the image.
 Camera InModelOf(const Camera& camera, Camera lens) {
   if (lens.model == camera.model) return lens;
   lens.model = camera.model;

@@ -46,7 +46,7 @@ struct PixelDistance {
   }
 };
 
-// The derivative by E, as a 3 x 3 matrix.
+// The derivative with respect to E, as a 3 x 3 matrix.
 Matrix3d ByEssential(const PixelDistance& r, const RayPatch& a,
                      const RayPatch& b) {
   const double relative = r.value / r.variance;
@@ -98,7 +98,7 @@ FocalPair::FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
   const Image& image2 = scene.images[pair.image_idx2];
   camera_idx1_ = image1.camera_idx;
   camera_idx2_ = image2.camera_idx;
-  // Bounds the cost of a pair; more matches hardly add to its 5 + 2 unknowns.
+  // Bounds the cost of a pair; more matches hardly improve its 5 + 2 unknowns.
   const size_t num_used = std::min(size_t{200}, pair.matches.size());
   for (size_t i = 0; i < num_used; ++i) {
     const Match& match = pair.matches[i * pair.matches.size() / num_used];
@@ -200,7 +200,7 @@ bool FocalPair::Initialize(Random* random) {
   }
   RansacOptions ransac;
   const Camera& camera = camera1();
-  // COLMAP's default of the two-view geometry; wide, as focal lengths are
+  // COLMAP's default for two-view geometries; wide, because focal lengths are
   // wrong.
   ransac.max_error_rad =
       4.0 / PixelsPerRadian(camera.model, camera.params.data());

@@ -15,12 +15,12 @@ namespace mgsfm::internal {
 // One image pair in the calibration of focal lengths; see
 // mgsfm/view_graph/focal_length_calibration.h.
 
-// The error of a keypoint, up to which the loss is nearly quadratic.
+// The keypoint error up to which the loss is nearly quadratic.
 constexpr double kFocalLossScalePx = 1.0;
 
 // A lens relative to a camera: the logarithm of the factor on its focal
 // lengths; for SIMPLE_DIVISION, the distortion k r^2 at the corner of the
-// image, so that the two hardly depend on each other; and the offset of the
+// image, so that the two are nearly uncorrelated; and the offset of the
 // principal point in larger image sides.
 using LensOffset = Eigen::Vector4d;
 
@@ -35,8 +35,8 @@ struct RayPatch {
   Eigen::Matrix<double, 3, 2> by_pixel;
 };
 
-// Normal equations of one pair in its pose (5) and the lenses of both cameras.
-// If they are one camera, its lens is the first and the second is not used.
+// Normal equations of one pair for its pose (5) and the lenses of both cameras.
+// If both images have one camera, only the first lens is used.
 struct FocalEquations {
   Eigen::Matrix<double, 13, 13> hessian = Eigen::Matrix<double, 13, 13>::Zero();
   Eigen::Matrix<double, 13, 1> gradient = Eigen::Matrix<double, 13, 1>::Zero();
@@ -44,8 +44,8 @@ struct FocalEquations {
 
 class FocalPair {
  public:
-  // Uses at most 200 matches, at equal spacing.
-  // `cameras` replaces those of the scene and must outlive the pair.
+  // Uses at most 200 matches, at equal spacing. `cameras` replaces
+  // scene.cameras and must outlive the pair.
   FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
             const ImagePair& pair);
 
@@ -55,10 +55,10 @@ class FocalPair {
   int image_idx2() const { return pair_->image_idx2; }
 
   void SetRays(const LensOffset& lens1, const LensOffset& lens2);
-  // Initializes the pose by the geometry of the view graph or by RANSAC.
+  // Initializes the pose from the geometry of the view graph or by RANSAC.
   // Returns false if both fail.
   bool Initialize(Random* random);
-  // Gauss-Newton in the pose alone, up to a relative decrease of the cost of
+  // Gauss-Newton on the pose alone, up to a relative decrease of the cost of
   // 1e-4. Returns the final cost.
   double RefinePose(int num_iterations);
   FocalEquations Linearize() const;
@@ -75,14 +75,14 @@ class FocalPair {
   using Patches = std::vector<std::optional<RayPatch>>;
   static Patches MakePatches(const Camera& camera,
                              const std::vector<Eigen::Vector2d>& pixels);
-  // Patches after a small change of the lens. Only its focal lengths change the
-  // derivatives of rays noticeably: they are divided by the factor.
+  // Patches after a small change of the lens. Only focal lengths change the
+  // derivatives of rays noticeably, which are divided by the factor.
   static Patches MoveRays(const Camera& camera,
                           const std::vector<Eigen::Vector2d>& pixels,
                           double focal_factor, Patches patches);
   const Camera& camera1() const { return (*cameras_)[camera_idx1_]; }
   const Camera& camera2() const { return (*cameras_)[camera_idx2_]; }
-  // The derivatives of the residuals of all matches by the pose.
+  // The derivatives of the residuals of all matches with respect to the pose.
   Eigen::Matrix<double, Eigen::Dynamic, 5> PoseDerivatives(
       std::vector<double>* residuals) const;
   static void AddResiduals(const Rigid3& pose, const Patches& patches1,

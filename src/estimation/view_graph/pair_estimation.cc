@@ -16,12 +16,12 @@
 namespace mgsfm::internal {
 namespace {
 
-// Matches within this factor of the maximum error refine the initial pose: if
-// that is off by the maximum error at a match, both errors add up. Half and
-// twice the value increase errors by 4 and 2 % (docs/results/constants.md).
+// Matches within this multiple of the maximum error refine the initial pose: at
+// a match, the error of the pose adds to that of the match. Half and twice the
+// value increase errors by 4 and 2 % (docs/results/constants.md).
 constexpr double kRelaxation = 2.0;
-// Fundamental matrices fit the pixels of distorting lenses, so that their poses
-// are off by more than the maximum error: by 12 px at a default of 4 px.
+// Fundamental matrices fit distorted pixels, so that their poses are off by
+// more than the maximum error: by 12 px at a default of 4 px.
 constexpr double kRelaxationOfDistortion = 3.0;
 // Scales of the loss relative to the maximum error: initially
 // (docs/results/constants.md compares half and twice the value), and the lower
@@ -100,7 +100,7 @@ Mask InliersOf(const RayMatches& matches, const RelativePose& pose,
              : FindRotationInliers(matches, pose.cam2_from_cam1, max_error);
 }
 
-// The pose; with the direction that the inliers have, if it has none.
+// The pose; without a direction, the direction is estimated from the inliers.
 Rigid3 WithDirection(const RelativePose& pose, const RayMatches& inliers,
                      double max_error) {
   if (pose.translation_direction) return ToRigid3(pose);
@@ -177,8 +177,8 @@ class PairEstimator {
     }
   }
 
-  // Estimated lenses change, so that pairs have no pose of their own. The
-  // fundamental matrix is a start that spares most of them the samples.
+  // Estimated lenses change, so pairs have no pose of their own. For most
+  // pairs, the fundamental matrix provides a start without sampling.
   void TryDistorted() {
     const bool is_estimated =
         !camera1_.has_prior_focal_length || !camera2_.has_prior_focal_length;
@@ -201,7 +201,7 @@ class PairEstimator {
     is_of_distorted_ = true;
   }
 
-  // Scores all poses that follow from the geometry in the view graph.
+  // Scores all poses given by the geometry in the view graph.
   void TryViewGraphPoses() {
     if (pair_.relative_pose) Try(*pair_.relative_pose, PairOutcome::kFromRow);
     if (IsSet(pair_.E)) TryEssential(*pair_.E);
@@ -223,8 +223,8 @@ class PairEstimator {
   }
 
   // A rotation must explain almost all matches; otherwise the pair may have a
-  // translation. So must a pose by a fundamental matrix of distorted pixels: it
-  // may be a local minimum.
+  // translation. The same holds for a pose from the fundamental matrix of
+  // distorted pixels, which may be a local minimum.
   double RequiredInitialInlierRatio() const {
     return pose_.translation_direction && !is_of_distorted_
                ? options_.min_row_inlier_ratio

@@ -48,9 +48,9 @@ class Descriptor {
   int fd_;
 };
 
-// The contents of pipes, as of a process substitution, which can be read once
-// only, while some inputs are read by several steps. By path and inode: in a
-// process that goes on, the name of a pipe comes again with another one.
+// The contents of pipes, e.g. of a process substitution: a pipe can be read
+// only once, but several steps read some inputs. The key has the inode, because
+// a long-running process may see different pipes under one path.
 class PipeContents {
  public:
   std::optional<std::string> Find(const std::string& path) {
@@ -80,7 +80,7 @@ PipeContents& ReadPipes() {
 }
 
 // The size is a hint only: pipes have none, and files may grow. A Linux pipe
-// holds 64 KiB, the most that one call can read from it.
+// holds 64 KiB, which is also the maximum of one read call.
 std::string ReadDescriptor(int file, const struct stat& status,
                            const std::filesystem::path& path,
                            const std::string& what, size_t max_size) {
@@ -99,7 +99,7 @@ std::string ReadDescriptor(int file, const struct stat& status,
     if (result < 0 && errno == EINTR) continue;
     if (result < 0) ThrowReadError(path, what, errno);
     num_read += static_cast<size_t>(result);
-    // More than anybody types. Devices such as /dev/zero have no end.
+    // Far more than a person types. Devices such as /dev/zero have no end.
     if (num_read > (1 << 20) && IsDevice(status)) {
       throw Error((what.empty() ? "'" + path.string() + "'" : what) +
                   " is a device, not a file; give a file");

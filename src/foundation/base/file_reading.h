@@ -13,8 +13,8 @@ namespace mgsfm {
 // e.g. "rig configuration 'rig.json'"; its path by default. Reads no more than
 // `max_size` bytes.
 //
-// Everything is read through this function, because streams take a failing
-// disk for the end of the file.
+// All files are read through this function, because streams mistake a disk
+// failure for the end of the file.
 std::string ReadFile(const std::filesystem::path& path,
                      const std::string& what = "",
                      size_t max_size = std::numeric_limits<size_t>::max());

@@ -10,9 +10,9 @@
 
 namespace mgsfm {
 
-// Tells whether two runs have the same input: a hash of what is added, in that
-// order. FNV-1a with 64 bits, so that two inputs share one by accident with a
-// probability of 2^-64. No protection against forgery.
+// Tells whether two runs have the same input: a hash of the added items in
+// order. FNV-1a with 64 bits: two inputs collide by accident with a probability
+// of 2^-64. Not cryptographic.
 class Fingerprint {
  public:
   Fingerprint& Add(const std::string& text) {

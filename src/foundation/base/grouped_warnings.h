@@ -14,8 +14,8 @@ namespace mgsfm {
 // quoted names.
 std::string KindOfMessage(const std::string& message);
 
-// Makes one warning of all that have one cause: the first one, and how many
-// there are.
+// Merges all warnings with the same cause into one: the first message and the
+// number of messages.
 class GroupedWarnings {
  public:
   void Add(const std::string& message);

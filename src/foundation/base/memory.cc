@@ -14,7 +14,7 @@ namespace mgsfm {
 
 void ReturnLargeBlocks() {
 #ifdef __GLIBC__
-  // The initial values, which setting them makes constant.
+  // The initial values; setting them explicitly makes them constant.
   constexpr int kBytes = 128 * 1024;
   mallopt(M_MMAP_THRESHOLD, kBytes);
   mallopt(M_TRIM_THRESHOLD, kBytes);

@@ -10,8 +10,8 @@ namespace mgsfm {
 // which leaves holes between small ones. Does nothing on other systems.
 void ReturnLargeBlocks();
 
-// Throws std::bad_alloc unless the process may have so many more bytes. Some
-// libraries end the process if they lack memory while they set themselves up.
+// Throws std::bad_alloc unless the process can allocate this many more bytes.
+// Some libraries end the process if memory runs out during their setup.
 void RequireMemory(size_t num_bytes);
 
 }  // namespace mgsfm

@@ -7,7 +7,7 @@
 namespace mgsfm {
 namespace {
 
-// Numbers of all other units are ratios or counts of what a drive consists of.
+// Numbers of all other units are ratios or counts of parts of a recording.
 constexpr std::pair<std::string_view, double> kMaxima[] = {
     {"rounds", 100},       {"iterations", 1e4}, {"frames", 1e5},
     {"images", 1e6},       {"trials", 1e5},     {"deg", 360},
@@ -20,7 +20,7 @@ double MaxOfUnit(std::string_view unit) {
   for (const auto& [name, max] : kMaxima) {
     if (name == unit) return max;
   }
-  // Far above any sensible ratio, size or time: it only rejects typing errors.
+  // Far above any sensible ratio, size or time; rejects only typing errors.
   return 1e6;
 }
 
@@ -30,7 +30,7 @@ Range RangeOf(const OptionEntry& entry) {
   Range range = entry.range;
   const bool is_real = std::holds_alternative<double>(entry.default_value);
   const bool is_integer = std::holds_alternative<int>(entry.default_value);
-  // An integer without unit is a seed or step, of which all are possible.
+  // An integer without unit is a seed or step; all values are valid.
   if (!is_real && (!is_integer || entry.unit.empty())) return range;
   if (std::isinf(range.max)) range.max = MaxOfUnit(entry.unit);
   if (std::isinf(range.min)) range.min = -range.max;

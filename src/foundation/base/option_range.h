@@ -5,10 +5,10 @@
 
 namespace mgsfm {
 
-// The range of an option, with limits where it has none: the largest value that
-// has a meaning in its unit, and for numbers above zero the smallest. So no
-// option makes a loop endless, allocates absurd memory, or overflows when it is
-// squared or divided by.
+// The range of an option, with default limits where the option has none: the
+// largest meaningful value in its unit, and the smallest for positive numbers.
+// These limits prevent endless loops, absurd allocations, and overflow in
+// squares and quotients.
 Range RangeOf(const OptionEntry& entry);
 
 }  // namespace mgsfm

@@ -43,15 +43,15 @@ std::string Unquote(const std::string& text) {
 
 constexpr char kVersionKey[] = "mgsfm_version";
 
-// The place of the reader in a configuration file.
+// The reader's position in a configuration file.
 struct FileState {
   std::string section;
   std::set<std::string> names;
-  std::string version;  // that wrote the file; may be empty
-  std::string unknown;  // options, with their lines
+  std::string version;  // of the program that wrote the file; may be empty
+  std::string unknown;  // unknown options with their lines
 };
 
-// The place of a message.
+// The file and line of a message.
 std::string Place(const std::string& source, int line_number) {
   return source + ":" + std::to_string(line_number) + ": ";
 }

@@ -52,7 +52,7 @@ void ParallelFor(size_t size, int num_threads,
   try {
     for (size_t i = 0; i < num_helpers; ++i) helpers.emplace_back(work, false);
   } catch (const std::exception&) {
-    // No more threads or memory; the threads that started suffice.
+    // No more threads or memory; continue with the threads that started.
   }
   work(true);
   for (std::thread& helper : helpers) helper.join();

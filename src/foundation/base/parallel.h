@@ -13,9 +13,9 @@ int ResolveNumThreads(int num_threads);
 // Calls function(i) once for every i in [0, size) on num_threads threads.
 // Blocks of `block_size` items are scheduled dynamically, so `function` must
 // write only memory that belongs to its item; results then do not depend on the
-// number of threads. The first exception of an item is rethrown after all
-// threads ended. The calling thread calls on_block_done(num_done), if set,
-// between its own blocks with the number of items finished so far.
+// number of threads. The first exception is rethrown after all threads have
+// ended. The calling thread calls on_block_done(num_done), if set, between its
+// own blocks with the number of items finished so far.
 void ParallelFor(size_t size, int num_threads,
                  const std::function<void(size_t)>& function,
                  size_t block_size = 16,

@@ -14,8 +14,8 @@ namespace {
 // The longest path that Linux accepts (PATH_MAX).
 constexpr size_t kMaxBytes = 4096;
 
-// The number of bytes of the character that the text begins with, 0 if they
-// are not UTF-8 (RFC 3629, section 4).
+// The size in bytes of the first character of the text; 0 if it is not valid
+// UTF-8 (RFC 3629, section 4).
 size_t CharacterSize(std::string_view text) {
   const auto byte = [&](size_t i) { return static_cast<uint8_t>(text[i]); };
   const uint8_t first = byte(0);
@@ -84,7 +84,7 @@ std::optional<double> ParseDouble(std::string_view word) {
   const char* end = word.data() + word.size();
   auto [parsed_end, error] = std::from_chars(word.data(), end, value);
   if (error == std::errc::result_out_of_range) {
-    // A number such as 1e-320 is zero up to rounding.
+    // A number such as 1e-320 counts as zero.
     long double wide = 0.0L;
     const std::from_chars_result again =
         std::from_chars(word.data(), end, wide);

@@ -30,7 +30,7 @@ std::string NormalizeText(std::string text, const std::string& what) {
   if (text.compare(0, kByteOrderMark.size(), kByteOrderMark) == 0) {
     text.erase(0, kByteOrderMark.size());
   }
-  // Joined files have more of them, which are invisible parts of a name.
+  // Concatenated files have more byte-order marks, invisible parts of names.
   const size_t mark = text.find(kByteOrderMark);
   if (mark != std::string::npos) {
     const auto line = std::count(text.data(), text.data() + mark, '\n') + 1;

@@ -16,17 +16,17 @@ namespace mgsfm {
 // - A line ends with LF, CR LF or CR; the last one may lack its end.
 // - A byte-order mark of UTF-8 is skipped at the start, and an error elsewhere.
 //   UTF-16 and null bytes are errors.
-// - Blanks and tabs around a line, and before a word, do not count.
+// - Spaces and tabs around a line and before a word are ignored.
 // - A comment is a line that starts with '#'.
-// - A word is a number only as a whole (ParseDouble).
+// - A word is a number only if all of it parses (ParseDouble).
 
 // The content of a text file, with LF at the ends of lines and without a
 // byte-order mark. `what` names the file in messages, by default its path in
-// quotes. Throws Error, naming it, if it cannot be read or is not text.
+// quotes. Throws Error, naming the file, if it cannot be read or is not text.
 std::string ReadText(const std::filesystem::path& path,
                      const std::string& what = "");
 
-// The same for text from elsewhere.
+// The same for text from another source.
 std::string NormalizeText(std::string text, const std::string& what);
 
 class TextLines {
@@ -44,8 +44,8 @@ class TextLines {
   // Goes to the next line that is neither empty nor a comment.
   bool NextContent();
 
-  // The current line, without the blanks around it. Valid until this object
-  // is destroyed.
+  // The current line without surrounding blanks. Valid until this object is
+  // destroyed.
   std::string_view line() const { return line_; }
   int number() const { return number_; }
   // "'poses.txt', line 3"
@@ -77,14 +77,14 @@ std::vector<std::string_view> SplitWords(std::string_view line);
 // empty.
 std::vector<std::string> SplitFields(std::string_view line, char separator);
 
-// Fields of CSV (RFC 4180): one in double quotes may hold commas, and quotes as
-// "". nullopt if a quote does not end.
+// Fields of CSV (RFC 4180); a field in double quotes may contain commas, and
+// quotes as "". nullopt if a quote is not closed.
 std::optional<std::vector<std::string>> SplitCsv(std::string_view line);
 
-// The numbers that a line consists of; nullopt if any word is no number.
+// The numbers in a line; nullopt if any word is not a number.
 std::optional<std::vector<double>> ParseNumbers(std::string_view line);
 
-// A name, which may have blanks, and the last words of its line.
+// A name, which may contain blanks, and the last words of its line.
 struct NamedWords {
   std::string name;
   std::vector<std::string_view> words;

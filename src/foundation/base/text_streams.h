@@ -8,9 +8,8 @@
 
 namespace mgsfm {
 
-// String streams that throw std::bad_alloc if memory is lacking; those of the
-// standard library catch it, and the text seems to end there. They do not
-// depend on the locale of the process.
+// String streams that throw std::bad_alloc if memory runs out; standard streams
+// catch it, so the text seems to end there. They ignore the locale.
 class TextInput : public std::istringstream {
  public:
   explicit TextInput(const std::string& text = "") : std::istringstream(text) {

@@ -106,7 +106,7 @@ class CameraEquations {
     AddFactorOfCost(x);
   }
 
-  // Adds them for a rotation and a translation in the frame of the unit.
+  // Adds the equations for a rotation and translation in the frame of the unit.
   void AddTo(const Matrix3d& cam_from_unit, PoseEquations* equations) const {
     const Matrix3d& C = cam_from_unit;
     auto& hessian = equations->hessian;
@@ -122,7 +122,7 @@ class CameraEquations {
   }
 
  private:
-  // A logarithm takes as long as the rest.
+  // A logarithm is as expensive as everything else.
   void AddFactorOfCost(double x) {
     product_ *= x;
     if (product_ < 1e100) return;
@@ -183,10 +183,9 @@ std::vector<CameraPoints> InliersOf(const std::vector<CameraPoints>& cameras,
   return inliers;
 }
 
-// The pose that is returned is refined to a relative change of its cost of
-// 1e-8.
+// The returned pose is refined until the relative change of its cost is 1e-8.
 constexpr PoseStepOptions kConverged{20, 1e-8, 1e-12};
-// Only a start of another refinement.
+// The result is only the start of another refinement.
 constexpr PoseStepOptions kLocal{5, 1e-3, 1e-12};
 
 SolveSummary Refine(const std::vector<CameraPoints>& cameras, double loss_scale,

@@ -33,14 +33,14 @@ struct CameraPoints {
 
 // Unknown: unit_from_world = (R, t). The error of ray f of point p,
 //   r = |y / |y| - f| / max_error,  y = cam_from_unit (R p + t),
-// is the angle between them over its bound where that is small. Let a point
-// have an uncertain depth, which moves its projection by g. The component of r
+// is the angle between ray and point divided by its bound, for small angles. An
+// uncertain depth moves the projection of a point by g. The component of r
 // along g then has the variance s^2 + |g|^2 instead of s^2 = kKeypointSigma^2,
 // and is divided by sqrt(1 + |g|^2 / s^2): far points measure the direction of
 // a motion, and near ones its length.
 
-// The standard deviation of r of a keypoint and of a point that another one
-// observes: one pixel each for a bound of four.
+// The standard deviation of r for a keypoint and a point that one other
+// keypoint observes: one pixel each for a bound of four.
 inline constexpr double kKeypointSigma = 0.35;
 
 // Whether r <= 1 for one ray. The point and the displacement by one standard
@@ -50,7 +50,7 @@ bool IsRayInlier(const Eigen::Vector3d& point,
                  double max_error_rad);
 
 // The truncated cost sum min(r^2, 1) over all rays. Inliers have r <= 1. Stops
-// early if the cost reaches max_cost: the pose is then worse than another one.
+// early if the cost reaches max_cost: the pose is then worse than the best.
 PoseScore ScoreAbsolutePose(
     const std::vector<CameraPoints>& cameras, const Rigid3& unit_from_world,
     double max_cost = std::numeric_limits<double>::infinity());
@@ -67,13 +67,13 @@ std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
 SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
                                 double loss_scale, Rigid3* unit_from_world);
 
-// Covariance of that step, for rays whose errors have the standard deviation
+// Covariance of this step for rays whose errors have standard deviation
 // loss_scale.
 Eigen::Matrix<double, 6, 6> AbsolutePoseCovariance(
     const std::vector<CameraPoints>& cameras, double loss_scale,
     const Rigid3& unit_from_world);
 
-// A few steps of the same, for a start of another refinement.
+// The same with few iterations, as the start of another refinement.
 SolveSummary ImproveAbsolutePose(const std::vector<CameraPoints>& cameras,
                                  double loss_scale, Rigid3* unit_from_world);
 

@@ -99,7 +99,7 @@ PoseScore ScoreRotation(const RayMatches& matches,
                         const Eigen::Quaterniond& cam2_from_cam1,
                         double max_error_rad);
 
-// The inliers of these costs.
+// The inliers of the costs above.
 bool IsInlier(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
               const Eigen::Vector3d& ray2, double max_error_rad);
 bool IsRotationInlier(const Eigen::Quaterniond& cam2_from_cam1,
@@ -142,15 +142,15 @@ SolveSummary RefineRelativePose(const RayMatches& matches,
                                 Rigid3* cam2_from_cam1);
 
 // Standard deviation of the least certain component of the direction t, for
-// residuals r with the standard deviation loss_scale_rad; infinity if none
+// residuals r with the standard deviation loss_scale_rad; infinity if no match
 // constrains it. A fixed rotation counts as exact.
 double DirectionSigmaRad(const RayMatches& matches,
                          const PoseRefinementOptions& options,
                          const Rigid3& cam2_from_cam1);
 
 // Covariance of the rotation vector of Exp(w) R and of the direction t, for
-// residuals with the standard deviation loss_scale_rad. What the matches do not
-// constrain has a standard deviation of one radian.
+// residuals with the standard deviation loss_scale_rad. Unconstrained
+// coordinates have a standard deviation of one radian.
 Eigen::Matrix<double, 6, 6> RelativePoseCovariance(
     const RayMatches& matches, const PoseRefinementOptions& options,
     const Rigid3& cam2_from_cam1);
@@ -183,7 +183,7 @@ std::optional<Rigid3> EstimateRelativePose(const RayMatches& matches,
                                            const RansacOptions& options,
                                            Random* random);
 
-// The same for a pure rotation, with samples of two matches.
+// The same for a pure rotation from samples of two matches.
 std::optional<Eigen::Quaterniond> EstimateRotation(const RayMatches& matches,
                                                    const RansacOptions& options,
                                                    Random* random);

@@ -15,8 +15,7 @@ namespace {
 constexpr int kWidth = 4;
 typedef double Four __attribute__((vector_size(8 * kWidth)));
 
-// The components of the rays of four matches. Lanes without a match have weight
-// 0.
+// The ray components of four matches. SIMD lanes without a match have weight 0.
 struct FourMatches {
   Four f1[3], f2[3];
   Four weight;

@@ -39,7 +39,7 @@ struct PoseSums {
 };
 
 // Processes four matches at a time. Compiled with and without AVX2 and FMA, so
-// results of different processors may differ by rounding. The columns of
+// results on different processors may differ by rounding. The columns of
 // `basis` are normal to the direction of the pose.
 PoseSums SumSampsonTerms(const RayMatches& matches, const EpipolarPose& pose,
                          const Eigen::Matrix<double, 3, 2>& basis,

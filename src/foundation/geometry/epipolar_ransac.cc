@@ -9,8 +9,8 @@
 namespace mgsfm {
 namespace {
 
-// The truncated squared Sampson errors without the test for the front of the
-// cameras. Stops above `max_cost`. |E| = sqrt 2.
+// The truncated squared Sampson errors without the cheirality test. Stops above
+// `max_cost`. |E| = sqrt 2.
 double ScoreEssential(const RayMatches& matches, const Eigen::Matrix3d& E,
                       double max_error, double max_cost) {
   const double max_squared_error = max_error * max_error;
@@ -89,7 +89,7 @@ std::optional<Scored<Rigid3>> BestOfPoseSample(const RayMatches& matches,
   const int num_essentials = SolveFivePoint(rays1, rays2, &essentials);
   std::optional<Scored<Rigid3>> best;
   for (int i = 0; i < num_essentials; ++i) {
-    // The test for the front of the cameras can only increase the cost.
+    // The cheirality test can only increase the cost.
     if (ScoreEssential(matches, essentials[i], options.max_error_rad,
                        best_cost) >= best_cost) {
       continue;
@@ -106,8 +106,8 @@ std::optional<Scored<Rigid3>> BestOfPoseSample(const RayMatches& matches,
   return best;
 }
 
-// The rotation that maps the bisector and the plane of two rays to those of the
-// matching rays.
+// The rotation that maps the bisector and the plane of two rays to the bisector
+// and the plane of the matching rays.
 std::optional<Scored<Eigen::Quaterniond>> BestOfRotationSample(
     const RayMatches& matches, const RansacOptions& options, double best_cost,
     Random* random) {

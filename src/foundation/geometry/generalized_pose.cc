@@ -15,9 +15,10 @@ namespace {
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 // The size of a minimal sample: each match constrains one of six unknowns. Five
-// determine the pose up to the length of the baseline, the sixth the length.
+// determine the pose up to the baseline length, the sixth determines the
+// length.
 constexpr int kSampleSize = 6;
-// Relative to max_error: the reason is that in absolute_pose.cc.
+// Relative to max_error, for the reason given in absolute_pose.cc.
 constexpr double kLossScale = 0.5;
 
 Rigid3 CameraMotion(const UnitMatches& pair, const Rigid3& unit2_from_unit1) {
@@ -73,8 +74,8 @@ struct PoseLine {
   }
 };
 
-// The error of a match divided by its bound, and the gradient w.r.t. the step
-// of the pose of the unit. t of the pair of cameras may have any length.
+// The error of a match divided by its bound, and the gradient with respect to
+// the pose update of the unit. t of the camera pair may have any length.
 double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
                     const Rigid3& cam2_from_cam1, size_t match,
                     Vector6d* gradient) {
@@ -160,7 +161,7 @@ class UnitPoseRansac {
                             const RansacOptions& options) {
     for (const PairPose& guess : guesses) Guess(guess);
     int num_trials = options.max_num_trials;
-    // Above half of the inliers, no other pose can have more of them.
+    // If more than half are inliers, no other pose can have more.
     for (int trial = 0; trial < num_trials && InlierRatio() < 0.5; ++trial) {
       if (Sample()) {
         num_trials = RequiredNumTrials(options, InlierRatio(), kSampleSize);
@@ -218,8 +219,8 @@ class UnitPoseRansac {
   void Guess(const PairPose& guess) {
     const PoseLine line(pairs_[guess.pair], guess.cam2_from_cam1);
     bool is_better = false;
-    // Each length is from a different match. At an inlier ratio of 0.2, one of
-    // 20 is right with probability 1 - 0.8^20 = 0.99.
+    // Each length is computed from another match. At an inlier ratio of 0.2,
+    // one of 20 is correct with probability 1 - 0.8^20 = 0.99.
     for (int i = 0; i < 20; ++i) {
       is_better = TryOnLine(line, guess.pair) || is_better;
     }

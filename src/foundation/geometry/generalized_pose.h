@@ -50,9 +50,9 @@ SolveSummary RefineUnitPose(const std::vector<UnitMatches>& pairs,
                             Rigid3* unit2_from_unit1);
 
 // LO-RANSAC on samples of five matches of one pair of cameras, which determine
-// the pose up to the length of their baseline, and one match of another pair,
-// which determines the length (Clipp, Kim, Frahm, Pollefeys, Hartley: Robust
-// 6DOF motion estimation for non-overlapping, multi-camera systems, WACV 2008).
+// the pose up to the baseline length, and one match of another pair, which
+// determines the length (Clipp, Kim, Frahm, Pollefeys, Hartley: Robust 6DOF
+// motion estimation for non-overlapping, multi-camera systems, WACV 2008).
 // Pairs are drawn with probability proportional to their number of matches.
 // `guesses` are initial relative poses of pairs (index of the pair,
 // cam2_from_cam1 with |t| = 1), for which only the length is estimated. No

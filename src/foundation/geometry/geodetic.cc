@@ -24,7 +24,7 @@ Eigen::Vector3d EarthCentered(const Eigen::Vector3d& position) {
           (radius * (1.0 - squared_eccentricity) + position.z()) * sine};
 }
 
-// The columns are the east, north and up axes of an origin, earth-centered.
+// The earth-centered east, north and up axes at an origin, as columns.
 Eigen::Matrix3d LocalAxes(const Eigen::Vector3d& origin) {
   const double latitude = DegToRad(origin.x());
   const double longitude = DegToRad(origin.y());
@@ -61,7 +61,7 @@ Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
     latitude =
         std::atan2(p.z() + squared_eccentricity * radius * sine, from_axis);
   }
-  // Also at the poles, where the distance from the axis is zero.
+  // Valid at the poles, too, where the distance from the axis is zero.
   const double sine = std::sin(latitude);
   const double altitude = from_axis * std::cos(latitude) + p.z() * sine -
                           radius * (1.0 - squared_eccentricity * sine * sine);

@@ -43,10 +43,10 @@ Vector3d BestSample(const std::vector<Vector3d>& directions) {
 Vector3d RobustMeanDirection(const std::vector<Vector3d>& directions) {
   MGSFM_CHECK(!directions.empty());
   Vector3d mean = BestSample(directions);
-  // The limit is for inputs whose inliers alternate.
+  // The limit stops inputs whose inlier sets alternate.
   for (int i = 0; i < 50; ++i) {
     // Normal errors of a direction exceed three medians with probability 2^-9.
-    // The lower limit keeps the bound of equal directions above rounding.
+    // The lower limit keeps the bound above rounding for equal directions.
     const double bound = std::max(1e-6, 3.0 * MedianAngle(directions, mean));
     Vector3d sum = Vector3d::Zero();
     for (const Vector3d& v : directions) {
@@ -58,7 +58,7 @@ Vector3d RobustMeanDirection(const std::vector<Vector3d>& directions) {
     const Vector3d next = sum.normalized();
     const double move = (next - mean).norm();
     mean = next;
-    // Far below the error of a direction, in radians.
+    // Far below the error of a direction (radians).
     if (move < 1e-9) break;
   }
   return mean;

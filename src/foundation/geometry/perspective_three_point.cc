@@ -25,8 +25,8 @@ Eigen::Matrix<double, kSize1 + kSize2 - 1, 1> Multiply(
   return product;
 }
 
-// The positive real roots by the eigenvalues of the companion matrix. Returns
-// their number.
+// The positive real roots as eigenvalues of the companion matrix. Returns the
+// number of roots.
 int PositiveRoots(const Eigen::Matrix<double, 5, 1>& polynomial,
                   std::array<double, 4>* roots) {
   int degree = 4;
@@ -152,8 +152,8 @@ bool ThreeRays::Polish(Vector3d* s) const {
     const double error = residual.cwiseAbs().maxCoeff();
     // Relative to the largest squared distance between the points.
     if (!(error <= 1e-9 * squared_.maxCoeff())) {
-      // Roots have at least four digits (see below), and each step doubles
-      // them: two steps suffice, and nearly double roots need more.
+      // Roots have at least four correct digits, and each step doubles them:
+      // two steps suffice, except for nearly double roots.
       if (step == 5) return false;
     } else if (step >= 2) {
       return s->minCoeff() > 0.0;

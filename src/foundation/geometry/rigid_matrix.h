@@ -12,16 +12,16 @@ namespace mgsfm {
 // b_from_a as [R | t].
 using RigidMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
-// R is made orthogonal. nullopt if it is no rotation: R R^T deviates from the
-// identity by more than 1e-3, which files with four digits stay below.
+// R is made orthogonal. nullopt if R R^T deviates from the identity by more
+// than 1e-3; rounding to four digits causes less.
 std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a);
 
-// The same for the numbers of a matrix of 3 or 4 rows, row by row. nullopt also
-// if the fourth row is not 0 0 0 1, as in a transposed matrix.
+// The same for the numbers of a matrix of 3 or 4 rows, in row-major order.
+// nullopt also if the fourth row is not 0 0 0 1, as in a transposed matrix.
 std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a);
 
-// The rotation of a quaternion of which the file has x, y, z, w, but whose
-// numbers were read as w, x, y, z.
+// The rotation of a quaternion in the order x, y, z, w whose numbers were read
+// as w, x, y, z.
 Eigen::Quaterniond FromOrderXyzw(const Eigen::Quaterniond& read_as_wxyz);
 
 }  // namespace mgsfm

@@ -53,9 +53,9 @@ struct RobustTriangulation {
   int num_inliers = 0;
 };
 
-// Minimizes sum_k min(error_k, max_error)^2 over the points of pairs of rays,
-// all pairs or a deterministic subset of 60, and refines the best point to the
-// least squares of the angles of its inliers. nullopt for fewer than two
+// Minimizes sum_k min(error_k, max_error)^2 over the points of pairs of rays
+// (all pairs, or a deterministic subset of 60), then refines the best point by
+// least squares on the angles of its inliers. nullopt for fewer than two
 // inliers or too small an angle between them.
 std::optional<RobustTriangulation> TriangulateRobust(
     const std::vector<Eigen::Vector3d>& centers,

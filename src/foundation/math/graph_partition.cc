@@ -42,7 +42,7 @@ class Partitioner {
 
  private:
   using Neighbor = std::pair<double, int>;  // weight, node
-  // A connected set of nodes: its steps of the walk, parents first.
+  // A connected set of nodes: the steps of a forest traversal, parents first.
   using NodeSet = std::vector<ForestStep>;
   // A cut: the position of the step whose edge to its parent is removed.
   struct Cut {
@@ -127,9 +127,8 @@ std::optional<Partitioner::Cut> Partitioner::ChooseCut(const NodeSet& set,
     const int num_parts_below =
         std::clamp(static_cast<int>(std::lround(multiple)), 1, num_parts - 1);
     const double imbalance = std::abs(multiple - num_parts_below);
-    // Distances of a cut from a multiple of the wanted size, in sizes of a
-    // part: as good as exact, and the largest one, beyond which another
-    // multiple is closer.
+    // Distance of a cut from a multiple of the target size, in part sizes. Up
+    // to 0.1 counts as exact; beyond 0.5, another multiple is closer.
     if (imbalance > 0.5) continue;
     // Smaller is better.
     const std::tuple<double, double> key(std::max(imbalance, 0.1), -weight);
@@ -175,7 +174,7 @@ GraphPartition Partitioner::NumberParts() const {
   return result;
 }
 
-// Nodes of the part of `node`, the most strongly connected ones first.
+// Nodes to add to the part of `node`, most strongly connected first.
 std::vector<int> Partitioner::Grow(const GraphPartition& partition,
                                    int node) const {
   std::vector<int> grown;

@@ -11,8 +11,8 @@ namespace mgsfm {
 // A partition of a graph into connected parts of similar size that overlap.
 //
 // The parts are subtrees of the maximum spanning forest, because the forest
-// crosses every weak place of the graph by its strongest edge. A tree is cut
-// again and again. A set that is to become m parts of s nodes is cut at an edge
+// crosses every weak cut of the graph by its strongest edge. Trees are cut
+// recursively. A set that is to become m parts of s nodes is cut at an edge
 // that leaves about j s nodes on one side, j = 1, ..., m - 1:
 //
 //   1. the strongest edge within s / 10 of a multiple, or without any
@@ -21,8 +21,8 @@ namespace mgsfm {
 // An edge whose weight is below min_relative_weight times the median of the
 // forest is weak and never cut. A set without a suitable edge remains whole.
 //
-// Each connected component gets a share of the parts by its number of nodes,
-// and at least one. Nodes of components below min_num_nodes are in no part.
+// The parts are distributed over connected components by number of nodes, at
+// least one each. Nodes of components below min_num_nodes are in no part.
 //
 // Overlap. Each cut edge (u, v) adds nodes on the side of u to the part of v,
 // and vice versa: u, then repeatedly the node with the strongest edge to those
@@ -36,8 +36,8 @@ struct GraphPartitionOptions {
 
 struct GraphPartition {
   std::vector<std::optional<int>> part_of_node;
-  // Per part: its nodes and those that overlap, ascending. Parts are numbered
-  // by their first node.
+  // Per part: its nodes and the overlap, ascending. Parts are numbered by their
+  // first node.
   std::vector<std::vector<int>> nodes;
 };
 

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::MatrixXd;
 
-// The ratios of the two stopping criteria, which hold if at most 1.
+// The ratios of the two stopping criteria, which hold if both are at most 1.
 struct AdmmRatios {
   double primal;
   double dual;

@@ -51,7 +51,7 @@ struct Tile {
 };
 
 // The product of 8 rows with distance `stride` between columns and 6 rows of B
-// that are contiguous for each column.
+// that are contiguous per column.
 MGSFM_ALWAYS_INLINE void ComputeTile(const double* rows, int stride,
                                      const double* b, int k, Tile* tile) {
   Lanes4 sums[kTileColumns][2];
@@ -133,7 +133,7 @@ MGSFM_ALWAYS_INLINE void SubtractProductBody(const PanelView& A, int m, int n,
   for (int i = 0; i < m; i += kTileRows) {
     const double* rows = A.values + i;
     int stride = A.stride;
-    // Products with more columns reuse a tile often enough to amortise copying
+    // Products with more columns reuse a tile often enough to amortize copying
     // its rows to contiguous memory.
     if (m - i < kTileRows || n > 2 * kTileColumns) {
       CopyEight(rows, A.stride, std::min(kTileRows, m - i), k, left);
@@ -148,7 +148,7 @@ MGSFM_ALWAYS_INLINE void SubtractProductBody(const PanelView& A, int m, int n,
   }
 }
 
-// Processes strips of six columns; each is updated by all previous ones.
+// Processes strips of six columns; all previous strips update each.
 MGSFM_ALWAYS_INLINE bool FactorizePanelBody(int num_rows, int width, int stride,
                                             double* values, double* left,
                                             double* right) {

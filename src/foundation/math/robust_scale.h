@@ -68,7 +68,7 @@ class AnnealedScale {
     scale_ = std::max(next, target);
     return *scale_;
   }
-  // The last step returned its target.
+  // Whether the last step returned its target.
   bool IsAtTarget() const { return is_at_target_; }
 
  private:

@@ -27,7 +27,7 @@ std::vector<int> MaximumSpanningForest(int num_nodes,
                                        const std::vector<GraphEdge>& edges);
 
 // All nodes in breadth-first order over the edges with indices `forest`. The
-// root of a tree is its node of highest degree, the first one if several are.
+// root of a tree is its node of highest degree; ties go to the first node.
 std::vector<ForestStep> WalkForest(int num_nodes,
                                    const std::vector<GraphEdge>& edges,
                                    const std::vector<int>& forest);
@@ -40,7 +40,7 @@ class TreePathLengths {
                   const std::vector<double>& lengths);
 
   // The length of the path from a to b. For nodes of different trees, the sum
-  // of the path lengths from each to the root of its tree. O(path edges).
+  // of the path lengths from each node to its root. O(path edges).
   double Between(int a, int b) const;
 
  private:

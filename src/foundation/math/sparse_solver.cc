@@ -89,8 +89,8 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H) {
   cholmod_start(&common);
   common.print = 0;
   common.supernodal = CHOLMOD_SIMPLICIAL;
-  // CHOLMOD's default strategy tries dissection based on scalar fill. A row may
-  // represent a block here, for which it would hardly ever be tried.
+  // CHOLMOD's default strategy tries dissection based on scalar fill. Here, a
+  // row may represent a block, and the default would hardly ever try it.
   constexpr int kMethods[] = {CHOLMOD_AMD, CHOLMOD_METIS, CHOLMOD_NESDIS};
   common.nmethods = 0;
   for (const int method : kMethods) {
@@ -114,7 +114,7 @@ struct SparseCholesky::Impl {
   explicit Impl(int count) : num_threads(count) {
     cholmod_start(&common);
     common.print = 0;
-    // LL^T, not LDL^T: the latter also factorizes indefinite matrices.
+    // LL^T instead of LDL^T, which would also factorize indefinite matrices.
     common.final_ll = 1;
     common.quick_return_if_not_posdef = 1;
   }

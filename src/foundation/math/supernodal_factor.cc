@@ -147,7 +147,7 @@ void SupernodalFactor::ChooseSubtrees() {
     }
   }
   Mask is_above(size, false);
-  // A subtree has at most this share of the work, for load balancing.
+  // For load balancing, a subtree has at most this fraction of the work.
   while (!roots.empty() && roots.top().first > all_work / 16.0) {
     const int s = -roots.top().second;
     roots.pop();
@@ -248,7 +248,7 @@ class SupernodalRun {
     panel_done_.notify_all();
   }
 
-  // Keeps an exception for later: other threads wait for the panel.
+  // Stores an exception for later, because other threads wait for the panel.
   void TryToCompute(int panel, Workspace* w) {
     if (has_failed_) return;
     try {

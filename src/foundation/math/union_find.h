@@ -9,7 +9,7 @@
 namespace mgsfm {
 
 // Disjoint-set forest over 0 .. size - 1 with union by size and path halving.
-// Operations take amortised near-constant time.
+// Operations take amortized near-constant time.
 class UnionFind {
  public:
   explicit UnionFind(size_t size) : parent_(size), size_(size, 1) {

@@ -18,8 +18,8 @@
 
 namespace mgsfm {
 
-// Writes summaries (mgsfm/base/fields.h) as JSON. The scene has the items of
-// their indices.
+// Writes summaries (mgsfm/base/fields.h) as JSON. The scene maps indices to ids
+// and names.
 class JsonFields {
  public:
   using Json = nlohmann::ordered_json;
@@ -55,7 +55,7 @@ class JsonFields {
     for (const T& value : values) json.push_back(ToJson(value));
     return json;
   }
-  // Names with their values.
+  // Names and their values as an object.
   template <class T>
   Json ToJson(const std::vector<std::pair<std::string, T>>& values) const {
     Json json = Json::object();

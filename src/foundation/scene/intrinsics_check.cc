@@ -10,14 +10,14 @@
 namespace mgsfm {
 namespace {
 
-// A field of view of 3 deg, which no camera that moves has, and of 10 rad,
-// which no fisheye has.
+// A field of view of 3 deg, below that of any moving camera, and of 10 rad,
+// above that of any fisheye.
 constexpr double kMaxFocalLengthRatio = 20.0;
 constexpr double kMinFocalLengthRatio = 0.1;
 
-// Lenses are centered on their sensor within a few percent, and usual crops
-// keep one of the coordinates there. Both coordinates off by one common factor
-// are those of images of another size.
+// Lenses are centered on their sensor within a few percent, and typical crops
+// keep one of the coordinates. If both are off by a common factor, the
+// intrinsics belong to images of another size.
 constexpr double kMinScaleOfOtherSize = 1.2;
 constexpr double kMaxScaleMismatch = 1.1;
 
@@ -39,7 +39,7 @@ bool HasTwoFocalLengths(const Camera& camera) {
          !info.principal_point_idxs.empty();
 }
 
-// Anamorphic lenses compress one axis twice.
+// Anamorphic lenses compress one axis by up to a factor of two.
 constexpr double kMaxRatioOfFocalLengths = 2.5;
 
 std::optional<std::string> WhyBadFocalLength(const Camera& camera) {
@@ -82,11 +82,11 @@ std::optional<std::string> WhyBadPrincipalPoint(const Camera& camera) {
          SizeText(camera.width_px, camera.height_px);
 }
 
-// Lenses magnify the borders of their images twice at most, compared with a
-// pinhole camera of their focal length.
+// Compared with a pinhole camera of the same focal length, lenses magnify image
+// borders at most twice.
 constexpr double kMaxMagnification = 5.0;
 
-// Whether a ray projects to the pixel, and only there, as by a lens.
+// Whether a ray projects to this pixel, with a magnification that lenses have.
 bool HasRay(const Camera& camera, const Eigen::Vector2d& pixel) {
   const double* params = camera.params.data();
   const auto ray = RayFromPixel(camera.model, params, pixel);
@@ -99,7 +99,7 @@ bool HasRay(const Camera& camera, const Eigen::Vector2d& pixel) {
   return by_ray.norm() <= kMaxMagnification * of_pinhole;
 }
 
-// Share of the pixels, on a grid, that have no ray.
+// Fraction of the pixels, on a grid, without a ray.
 double ShareWithoutRay(const Camera& camera) {
   constexpr int kNumSteps = 8;
   int num_without = 0, num_pixels = 0;
@@ -126,7 +126,7 @@ bool HasDistortion(const Camera& camera) {
                      [&](int i) { return camera.params[i] != 0.0; });
 }
 
-// The size of images whose center the principal point is.
+// Describes a principal point that is the center of images of another size.
 std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
   const std::vector<int>& idxs = ModelOf(camera).principal_point_idxs;
   if (idxs.empty()) return std::nullopt;
@@ -148,8 +148,8 @@ std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
          SizeText(std::round(width), std::round(height)) + " have";
 }
 
-// Whether fx, cx, fy, cy were given for fx, fy, cx, cy: then the focal lengths
-// agree better, and the principal point is closer to the center.
+// Whether fx, cx, fy, cy were given instead of fx, fy, cx, cy: swapping them
+// back makes the focal lengths agree better and centers the principal point.
 std::optional<std::string> WhyInOtherOrder(const Camera& camera) {
   constexpr double kMinMismatch = 1.1, kMaxMismatch = 1.05;
   if (!HasTwoFocalLengths(camera)) return std::nullopt;

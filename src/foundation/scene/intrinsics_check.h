@@ -14,13 +14,13 @@ struct IntrinsicsProblem {
   std::string text;
   // No lens has these intrinsics.
   bool is_certain = false;
-  // They are probably those of images of another size, or in another order.
-  // Otherwise, they are of no use in a part of the image.
+  // The values are probably for images of another size, or in another order.
+  // Otherwise, they are unusable in part of the image.
   bool is_misread = false;
 };
 
-// All sources of intrinsics are checked with it: options, files, databases,
-// models and calibrations. `camera` has positive size and focal lengths (see
+// Checks intrinsics from all sources: options, files, databases, models and
+// calibrations. `camera` must have positive size and focal lengths (see
 // WhyImplausible).
 std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera);
 

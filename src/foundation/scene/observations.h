@@ -17,8 +17,8 @@ inline size_t NumObservations(const Reconstruction& reconstruction) {
 // The observations of each point, as candidates for an adjustment.
 ObservationGroups GroupTracks(const std::vector<Point3D>& points);
 
-// The mean over the observations of all points with a known error; nullopt if
-// there are none.
+// The mean over the observations of all points with a known error; nullopt
+// without such points.
 std::optional<double> MeanReprojectionErrorPx(
     const Reconstruction& reconstruction);
 

@@ -25,7 +25,7 @@ class PointLookup {
     }
   }
 
-  // nullopt also beyond the keypoints of the image.
+  // Also returns nullopt beyond the keypoints of the image.
   std::optional<int> Find(int image_idx, size_t keypoint_idx) const {
     const size_t position = begin_[image_idx] + keypoint_idx;
     if (position >= begin_[image_idx + 1] || point_[position] == kNone) {
@@ -35,7 +35,7 @@ class PointLookup {
   }
 
  private:
-  // There may be many millions of keypoints; a plain int halves the memory.
+  // Saves half of the memory of std::optional for many millions of keypoints.
   static constexpr int kNone = -1;
   std::vector<size_t> begin_ = {0};  // per image, and the end
   std::vector<int> point_;

@@ -63,8 +63,8 @@ void CheckFrames(const Scene& scene) {
   MGSFM_CHECK_EQ(num_images, scene.images.size());
 }
 
-// The frames of the rig of the named one, from that on; throws Error unless
-// there are frames before it.
+// The frames of the rig of the named frame, from this frame on. Throws Error
+// unless there are frames before it.
 std::vector<int> FramesFrom(const Scene& scene, const std::string& frame_name) {
   const auto found = std::find_if(
       scene.frames.begin(), scene.frames.end(),
@@ -93,14 +93,14 @@ bool IsSingle(const Scene& scene, const Frame& frame) {
   return scene.rigs[frame.rig_idx].sensor_idxs.size() == 1;
 }
 
-// Cameras of single images may have frames of one name.
+// Frames of different single cameras may have the same name.
 const std::string& NameInSequence(const Scene& scene, int frame_idx) {
   const Frame& frame = scene.frames[frame_idx];
   return IsSingle(scene, frame) ? scene.images[frame.image_idxs.front()].name
                                 : frame.name;
 }
 
-// Numbers the sequences of OrderOfFrames.
+// Numbers the sequences as defined for OrderOfFrames.
 std::vector<int> SequenceOfFrames(const Scene& scene) {
   std::vector<int> sequences(scene.frames.size());
   std::map<std::pair<int, std::string>, int> numbers;

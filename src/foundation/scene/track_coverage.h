@@ -9,15 +9,15 @@
 
 namespace mgsfm {
 
-// Selects tracks that cover all images, the longest first: they connect most
-// images for their number of observations.
+// Selects tracks that cover all images, longest first: long tracks connect the
+// most images per observation.
 class TrackCoverage {
  public:
   // The tracks must outlive this object.
   TrackCoverage(const ObservationGroups& tracks, size_t num_images);
 
-  // Also selects tracks of this length or more of which an image has fewer than
-  // num_per_image selected ones.
+  // Also selects tracks of at least this length if an image of the track has
+  // fewer than num_per_image selected tracks.
   void Select(size_t min_length, int num_per_image);
 
   const Mask& is_selected() const { return is_selected_; }

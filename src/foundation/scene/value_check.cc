@@ -12,7 +12,7 @@ namespace mgsfm {
 namespace {
 
 bool IsUnit(const Eigen::Quaterniond& rotation) {
-  // Quaternions with four digits stay below it.
+  // Rounding of quaternions to four digits stays below this tolerance.
   constexpr double kTolerance = 1e-3;
   return std::abs(rotation.norm() - 1.0) < kTolerance;
 }
@@ -22,7 +22,8 @@ bool IsUnit(const Eigen::Quaterniond& rotation) {
 std::optional<std::string> WhyImplausible(
     const Eigen::Ref<const Eigen::VectorXd>& coordinates) {
   if (!coordinates.allFinite()) return "is not finite";
-  // Beyond it, adjacent numbers in double precision are more than 0.1 apart.
+  // Beyond this limit, adjacent double-precision numbers differ by more than
+  // 0.1.
   if (!(coordinates.lpNorm<Eigen::Infinity>() <= 1e15)) {
     return "has a coordinate beyond 1e15";
   }
@@ -46,7 +47,7 @@ Rigid3 PoseOfFile(const Eigen::Quaterniond& rotation,
 
 std::optional<std::string> WhyDifferent(const Rigid3& pose,
                                         const Rigid3& expected) {
-  // Ten roundings to three digits.
+  // Ten times the rounding error of three digits.
   constexpr double kTolerance = 5e-3;
   const double angle_rad = AngleBetween(pose.rotation, expected.rotation);
   const double distance = (pose.translation - expected.translation).norm();

@@ -17,8 +17,8 @@ namespace mgsfm {
 class CameraAssignment {
  public:
   // `structure` holds the cameras of the images in the database. Throws Error
-  // for bad options and for a bad camera_params_path, which must contain all
-  // folders of `image_names`.
+  // for invalid options and for an invalid camera_params_path, which must
+  // contain all folders of `image_names`.
   CameraAssignment(const ImageReaderOptions& options,
                    const DatabaseContents& structure,
                    const std::vector<std::string>& image_names,

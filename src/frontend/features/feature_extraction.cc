@@ -36,7 +36,7 @@ constexpr size_t kImagesInFlightPerThread = 4;
 // Peak memory of ExtractSift. The scale space takes 9 levels of 16 bytes per
 // pixel with default options; the rest is for the image itself and gradients.
 constexpr size_t kBytesPerPixel = 200;
-// The same of decoding: coefficients of a progressive JPEG file, or 16 bits.
+// The same for decoding: coefficients of a progressive JPEG file, or 16 bits.
 constexpr size_t kDecodedBytesPerPixel = 8;
 
 // Features and tags of one image file, or the reason for its rejection.
@@ -58,8 +58,8 @@ bool IsHidden(const fs::path& path) {
   return path.filename().string().front() == '.';
 }
 
-// Adds the files below a folder, whose name is `prefix`. A link to one of
-// `outer`, the folders around it, leads nowhere new.
+// Adds the files below a folder, whose name is `prefix`. Skips a link to one of
+// `outer`, the folders around it.
 void AddFiles(const fs::path& folder, const std::string& prefix,
               std::set<fs::path> outer, std::vector<std::string>* names) {
   std::error_code error;
@@ -128,7 +128,7 @@ class ImageExtractor {
                 });
   }
 
-  // Likewise, without features.
+  // The same without features.
   ExtractedImage ReadTags(const std::string& name) const {
     return Read(name, [](const auto&...) {});
   }
@@ -160,7 +160,7 @@ class ImageExtractor {
   mutable EmptyMasks empty_masks_;
 };
 
-// Calls `use` with the pixels and masks of an image that can be used.
+// Calls `use` with the pixels and masks of a usable image.
 template <class Function>
 ExtractedImage ImageExtractor::Read(const std::string& name,
                                     const Function& use) const {
@@ -278,26 +278,27 @@ class FeatureWriter {
     }
   }
 
-  // Adds the cameras of `names[begin..]` that images before `begin` define.
+  // Adds the cameras of `names[begin..]` whose intrinsics come from images
+  // before `begin`.
   void AddCamerasOfOthers(const std::vector<std::string>& names, size_t begin,
                           size_t end, const ImageExtractor& extractor);
   // The names without keypoints or descriptors in the database.
   std::vector<std::string> NamesToExtract(
       const std::vector<std::string>& names) const;
-  // Warns if features in the database are of pixels that masks hide.
+  // Warns if features in the database lie in pixels that masks hide.
   void CheckMasksWereUsed(const std::vector<std::string>& names,
                           const ImageExtractor& extractor) const;
   // Writes in one transaction.
   void Write(const std::vector<ExtractedImage>& images,
              FeatureExtractionSummary* summary);
-  // Warns of images that were rejected or may be wrong.
+  // Warns of images that were rejected or may be incorrect.
   void LogWarnings() const { warnings_.Log(context_); }
 
  private:
   void WriteImage(const ExtractedImage& image, CameraId camera_id);
   // Returns the reason if the image is rejected.
   std::optional<std::string> TryToWrite(const ExtractedImage& image);
-  // Warns if an image is zoomed unlike the first one of its camera.
+  // Warns if the zoom of an image differs from the first image of its camera.
   void WarnOfZoom(const ExtractedImage& image);
   void Warn(const std::string& name, const std::string& problem) {
     warnings_.Add("image '" + name + "' " + problem);
@@ -363,7 +364,7 @@ std::vector<std::string> FeatureWriter::NamesToExtract(
 
 void FeatureWriter::CheckMasksWereUsed(const std::vector<std::string>& names,
                                        const ImageExtractor& extractor) const {
-  // Images of one run have masks or have none, so that a few tell.
+  // Either all images of a run have masks or none has, so a few suffice.
   constexpr size_t kMaxNumChecked = 20;
   std::vector<std::string> present;
   for (const std::string& name : names) {

@@ -17,7 +17,7 @@
 namespace mgsfm {
 namespace {
 
-// A float32 descriptor of this many bytes would be taken for SIFT.
+// A float32 descriptor of this many bytes would be mistaken for SIFT.
 constexpr Eigen::Index kSiftBytes = 128;
 
 class FeatureImporter {
@@ -54,8 +54,8 @@ class FeatureImporter {
                 problem);
   }
   void ImportImage(const std::string& name);
-  // Throws Error if the file has another size of the image than `size_px`,
-  // which `owner` has, or keypoints outside of it.
+  // Throws Error if the image size in the file differs from `size_px`, the size
+  // in `owner`, or if a keypoint is outside of it.
   void CheckSize(const std::string& name, const HlocFeatures& features,
                  const std::pair<int, int>& size_px,
                  const std::string& owner) const;

@@ -122,7 +122,7 @@ std::optional<double> FocalLengthPx(const Exiv2::ExifData& tags, int width,
   const auto unit_mm = MillimetersOfUnit(
       NumberOf(tags, "Exif.Photo.FocalPlaneResolutionUnit").value_or(2.0));
   if (!focal_mm || !resolution || !unit_mm) return std::nullopt;
-  // The resolution refers to the original, which may have been resized.
+  // The resolution refers to the original image; the file may be resized.
   const double taken_width =
       PositiveNumberOf(tags, "Exif.Photo.PixelXDimension").value_or(width);
   return *focal_mm * *resolution / *unit_mm * width / taken_width;

@@ -31,10 +31,11 @@ struct ImageFile {
   std::string warning;  // of the decoder; empty if there is none
 };
 
-// All throw Error; its message is to follow the file name: "is truncated; ...".
+// All functions throw Error; its message continues the file name: "is
+// truncated; ...".
 std::string ReadImageFile(const std::filesystem::path& path);
 ImageFile DecodeImageFile(const std::string& file, int64_t max_num_pixels);
-// nullopt if there is no such file.
+// nullopt if the file does not exist.
 std::optional<GrayImage> ReadMask(const std::filesystem::path& path,
                                   int64_t max_num_pixels);
 

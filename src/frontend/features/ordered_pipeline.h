@@ -57,7 +57,8 @@ class MemoryBudget {
 };
 
 // Computes produce(0), produce(1), ... in several threads; one thread takes the
-// results in this order. At most `max_in_flight` are started and not yet taken.
+// results in this order. At most `max_in_flight` results are started and not
+// yet taken.
 template <class Result>
 class OrderedPipeline {
  public:
@@ -71,12 +72,12 @@ class OrderedPipeline {
         workers_.emplace_back([this] { Work(); });
       }
     } catch (const std::exception&) {
-      // No more threads or memory; the threads that started suffice.
+      // No more threads or memory; continue with the threads that started.
       if (workers_.empty()) throw;
     }
   }
 
-  // Starts no more and waits for those in progress.
+  // Starts no more computations and waits for those in progress.
   ~OrderedPipeline() {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -88,8 +89,8 @@ class OrderedPipeline {
   OrderedPipeline(const OrderedPipeline&) = delete;
   OrderedPipeline& operator=(const OrderedPipeline&) = delete;
 
-  // Takes all results that are next in order and ready. Waits for the first one
-  // for a short time, so there may be none. Rethrows exceptions of produce().
+  // Takes all results that are ready and next in order. Waits briefly for the
+  // first one, so there may be none. Rethrows exceptions of produce().
   std::vector<Result> Take() {
     // Callers check for interruptions between two calls.
     constexpr std::chrono::milliseconds kMaxWait(100);

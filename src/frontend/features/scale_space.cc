@@ -14,8 +14,8 @@ constexpr double kBaseSigma = 1.6;
 constexpr double kImageSigma = 0.5;
 // The descriptor window, at least 19 px wide, is mostly outside smaller images.
 constexpr int kMinOctaveSize = 8;
-// Pixels need less contrast than the refined extremum, which exceeds theirs.
-// These values are those of VLFeat, which COLMAP uses.
+// Pixels need less contrast than the refined extremum, which is stronger. The
+// values are those of VLFeat, which COLMAP uses.
 constexpr float kPixelThresholdFactor = 0.8f;
 constexpr int kMaxRefinementSteps = 5;
 constexpr double kMaxStep = 0.6;    // beyond it the next pixel is nearer
@@ -60,8 +60,7 @@ cv::Mat Blur(const cv::Mat& image, double sigma1, double sigma2) {
   return blurred;
 }
 
-// Whether D at `center` exceeds that of all neighbors (sign 1) or is below it
-// (sign -1).
+// Whether D at `center` is above (sign 1) or below (sign -1) all neighbors.
 bool IsExtremum(const std::array<const float*, 3>& center, ptrdiff_t stride,
                 float sign) {
   const float value = sign * center[1][0];
@@ -76,7 +75,7 @@ bool IsExtremum(const std::array<const float*, 3>& center, ptrdiff_t stride,
   return true;
 }
 
-// D and its derivatives by x, y and scale at a pixel.
+// D and its derivatives with respect to x, y and scale at a pixel.
 struct Quadratic {
   double value = 0.0;
   Eigen::Vector3d gradient;
@@ -172,8 +171,8 @@ void DetectExtrema(const DogTriple& dogs, int octave_idx, int level,
   }
 }
 
-// Blurs, detects, and keeps the levels that descriptors need. Returns the level
-// from which the next octave is made.
+// Blurs, detects, and keeps the levels for descriptors. Returns the level from
+// which the next octave is made.
 cv::Mat ProcessOctave(const cv::Mat& base, const SiftOptions& options,
                       ScaleSpace* space) {
   const int resolution = options.octave_resolution;

@@ -9,12 +9,12 @@
 namespace mgsfm {
 
 // The image at one range of scales. The center of the first pixel of an octave
-// is 0; pixel x of octave o is at 2^o x in the image. The first octave, -1, is
-// the image at twice its size.
+// is at 0; pixel x of octave o is at 2^o x in the image. The first octave, -1,
+// is the image at twice its size.
 struct Octave {
   int index = -1;
-  // Level k is blurred by LevelSigma(k). Only levels 1 to octave_resolution, at
-  // which features are described, are kept.
+  // Level k is blurred by LevelSigma(k). Only levels 1 to octave_resolution,
+  // which have descriptors, are kept.
   std::vector<cv::Mat> levels;
 };
 

@@ -50,11 +50,11 @@ class GradientDescriber {
     void Reserve(size_t capacity);
     void ComputePolar();
   };
-  // Appends the gradients of pixels [begin, end) of row y with the weight
+  // Appends the gradients of pixels [begin, end) of row y, weighted by
   // exp(factor |pixel - point|^2).
   void AppendRow(const cv::Mat& level, const ScaleSpacePoint& point,
                  float factor, int y, int begin, int end);
-  // The factor of that weight which depends on x, for pixels [begin, end).
+  // The factor of this weight that depends on x, for pixels [begin, end).
   void ComputeColumnWeights(float center, float factor, int begin, int end);
   void GatherCells(const cv::Mat& level, const ScaleSpacePoint& point,
                    float orientation_rad);
@@ -79,7 +79,7 @@ constexpr float kCellSize = 3.0f;     // sigmas
 constexpr float kWindowSigma = 2.0f;  // cells
 constexpr float kMaxElement = 0.2f;
 
-// A range of pixels that have a gradient.
+// A range of pixels with gradients.
 struct PixelRange {
   int begin;
   int end;
@@ -330,7 +330,7 @@ SiftDescriptor GradientDescriber::Describe(const cv::Mat& level,
                                            float orientation_rad) {
   GatherCells(level, point, orientation_rad);
   gradients_.ComputePolar();
-  // Orientations exceed [0, 2 pi) by at most half a bin.
+  // Orientations exceed the range [0, 2 pi) by at most half a bin.
   const float bins_per_radian = kNumDirections / kTwoPi;
   for (size_t i = 0; i < gradients_.size; ++i) {
     float angle = orientation_rad - gradients_.angle[i];

@@ -29,8 +29,8 @@ struct Features {
 // elements.
 //
 // OpenCV's SIFT is not used: its pyramid shifts keypoints by a quarter of a
-// pixel and halves images of odd size inexactly, so that a rotated copy of an
-// image shows them half a pixel off. The filters are OpenCV's.
+// pixel and halves images of odd size inexactly, so that keypoints in a rotated
+// copy of an image are half a pixel off. The filters are OpenCV's.
 //
 // Features are sorted by descending scale. Runs in the calling thread and takes
 // up to 200 bytes of memory per pixel.

@@ -33,8 +33,8 @@ constexpr int kPadding = 2;
 // The center of the pixel, in the convention of the camera models.
 Eigen::Vector2d CenterOf(int x, int y) { return {x + 0.5, y + 0.5}; }
 
-// The size of the original at the resolution of its views, but not larger than
-// it is.
+// The size of the original at the resolution of its views, at most its own
+// size.
 cv::Size ReducedSize(const Camera& camera, const View& view) {
   const double pixels_per_view_pixel =
       PixelsPerRadian(camera.model, camera.params.data()) /
@@ -125,7 +125,7 @@ bool IsComplete(const fs::path& path) {
   return fs::is_regular_file(path, ignored) && fs::file_size(path, ignored) > 0;
 }
 
-// The maps of a camera exist from its first image to its last.
+// The maps of a camera exist only from its first image to its last.
 class SharedRenderer {
  public:
   void AddImage() { ++num_left_; }
@@ -376,7 +376,7 @@ ImageRunSummary WriteViews(
     if (!run.IsDone(task)) left.push_back(task);
   }
   run.MakeFolders(left);
-  // Images of one camera follow each other, so that few maps exist at a time.
+  // Images of one camera are consecutive, so that few maps exist at a time.
   std::stable_sort(left.begin(), left.end(),
                    [](const ImageTask& a, const ImageTask& b) {
                      return a.camera_idx < b.camera_idx;

@@ -13,19 +13,17 @@
 
 namespace mgsfm {
 
-// Resamples images of one camera to its views: bicubic, from an image that is
-// first reduced by area averaging where views have a lower resolution. Pixels
+// Resamples images of one camera to its views by bicubic interpolation. Area
+// averaging first reduces the image if views have a lower resolution. Pixels
 // that the camera does not see are black. Thread-safe.
-//
-// Memory: 13 bytes per pixel of all views.
 class ViewRenderer {
  public:
   ViewRenderer(const Camera& camera, const std::vector<View>& views);
 
   // The images of all views. `image` has the size of the camera.
   std::vector<cv::Mat> Render(const cv::Mat& image) const;
-  // A mask of the original, black where pixels must not be used, in the views.
-  // An empty one masks nothing. White where the view shows the original.
+  // A mask of the original, black in unusable pixels, resampled to the views.
+  // An empty mask masks nothing. White where the view shows the original.
   std::vector<cv::Mat> RenderMasks(const cv::Mat& mask) const;
 
  private:
@@ -66,12 +64,12 @@ struct ImageRunSummary {
 };
 
 // Writes the views of images to output_path/images, in the format of the
-// original, and their masks to output_path/masks under COLMAP's names: that of
-// the view with ".png" appended. An image that is its only view is copied.
+// original, and their masks to output_path/masks under COLMAP's names: the name
+// of the view with ".png" appended. Copies an image that is its own only view.
 // Views have the GPS position and time of the original in their EXIF tags.
 //
-// Every file appears complete, and images whose files all exist are skipped, so
-// a run that was killed continues. Parallel over images.
+// Files appear only when complete, and images whose files all exist are
+// skipped, so an interrupted run continues. Parallel over images.
 //
 // Throws Error, naming the image, if one is damaged or differs in size from its
 // camera.
@@ -80,23 +78,23 @@ ImageRunSummary WriteViews(
     const std::vector<std::vector<View>>& views_of_camera,
     const ImageRunOptions& options, const Context& context);
 
-// Throws Error, naming the first one, unless all images are in the folder.
+// Throws Error, naming the first missing image, unless all are in the folder.
 void CheckImagesExist(const std::vector<ImageTask>& tasks,
                       const std::filesystem::path& image_path);
 
-// As CheckMasks, for the images of the tasks.
+// CheckMasks for the images of the tasks.
 void CheckMasksOf(const std::vector<ImageTask>& tasks,
                   const std::filesystem::path& mask_path,
                   const std::string& option, const Context& context);
 
-// Throws Error if the outputs would lie among images (or masks) that are read.
-// An empty path is no folder.
+// Throws Error if the outputs would be among input images or masks. An empty
+// path means no folder.
 void CheckIsApart(const std::filesystem::path& output_path,
                   const std::filesystem::path& image_path);
 
 // Images of a run may be kept if they were written with the same settings, a
 // text in output_path/undistortion.json, which a new run writes first. Throws
-// Error if there are images of other settings, or without.
+// Error if there are images of other or unknown settings.
 void ContinueOrBegin(const std::filesystem::path& output_path,
                      const std::string& settings);
 

@@ -37,8 +37,8 @@ struct SplittingOptions {
       "width of the panorama divided by 3.14."};
   Option<double> fisheye_field_of_view_deg{
       "fisheye_field_of_view", 190.0, Between(100.0, 240.0), "deg",
-      "State the field of view of each lens of a dual fisheye. It gives the "
-      "first guess of the focal length."};
+      "State the field of view of each lens of a dual fisheye. It determines "
+      "the initial focal length."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
                            "Set the quality of JPEG images; 100 is best."};
 
@@ -49,7 +49,7 @@ struct SplittingOptions {
   }
 };
 
-// Splits images, given by names below image_path, into those of rigs:
+// Splits images, given by names relative to image_path, into images of rigs:
 //
 // - A panorama in a folder `pano` becomes views in `pano_front`, `pano_right`,
 //   `pano_left`, `pano_up`, `pano_down` and `pano_back`, or `front`, ... if it
@@ -59,19 +59,18 @@ struct SplittingOptions {
 // - Images of other folders, which are not twice as wide as high, are copied;
 //   those beside a folder of panoramas belong to the same rig.
 //
-// rig_config_path states where the folders of images are in their rig, for
-// panoramas. All views of a folder without a pose there, except those of the
-// first panorama of a rig, have unknown poses.
+// For panoramas, rig_config_path provides the poses of the image folders in
+// their rig. The views of a folder without a pose have unknown poses, except in
+// the first panorama folder of a rig.
 //
 // Writes to output_path: images; masks if mask_path has any (see WriteViews);
-// for panoramas also rig_config.json and cameras.txt with the intrinsics, those
-// of other folders from camera_params_path. Continues an interrupted run with
-// the same settings. Files that are not images, and images that differ in size
-// from the first one of their folder, are skipped with a warning.
+// for panoramas also rig_config.json and cameras.txt with the intrinsics, which
+// come from camera_params_path for other folders. Continues an interrupted run
+// with the same settings. Files that are not images, and images that differ in
+// size from the first one of their folder, are skipped with a warning.
 //
 // Throws Error if no image has the shape of the kind, if rig_config_path names
-// none of the folders, and what WriteViews and
-// ContinueOrBegin throw.
+// none of the folders, and for the reasons of WriteViews and ContinueOrBegin.
 struct SplittingInput {
   std::filesystem::path image_path;
   std::vector<std::string> names;

@@ -9,8 +9,9 @@
 
 namespace mgsfm {
 
-// Files of other programs beside images/ and masks/ of an undistorted model,
-// whose cameras are all PINHOLE. All throw Error if a file cannot be written.
+// Files for other programs beside images/ and masks/ of an undistorted model,
+// whose cameras are all PINHOLE. All functions throw Error if a file cannot be
+// written.
 
 // transforms.json of nerfstudio: per image its intrinsics, its mask, and
 // transform_matrix, world_from_cam with the axes of OpenGL: x right, y up, z
@@ -20,8 +21,8 @@ std::string NerfstudioTransforms(const Scene& scene,
                                  bool has_masks);
 
 // The folder `stereo` of COLMAP's dense workspace: patch-match.cfg, in which
-// each image is matched with the 20 best others, fusion.cfg, and folders for
-// the results.
+// each image is matched with the 20 best other images, fusion.cfg, and folders
+// for the results.
 void WriteStereoFolder(const std::filesystem::path& folder, const Scene& scene);
 
 }  // namespace mgsfm

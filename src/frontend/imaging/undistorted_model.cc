@@ -25,7 +25,7 @@ struct NamedView {
 
 // ------------------------------------------------------------------- names
 
-// The name without '/' and without dots, except that of the extension.
+// The name without '/' and without dots, except for the extension.
 std::string FlatName(const std::string& name, int copy) {
   const size_t slash = name.rfind('/');
   const size_t dot = name.rfind('.');
@@ -219,7 +219,8 @@ MovedKeypoints MoveKeypoints(
   return moved;
 }
 
-// Adds the keypoints to the images of the result; returns what became of each.
+// Adds the keypoints to the images of the result. Returns the new observation
+// of each, if any.
 std::vector<std::vector<std::optional<Observation>>> PlaceKeypoints(
     const MovedKeypoints& moved, UndistortedModel* result) {
   std::map<ViewKey, int> image_of_view;

@@ -23,11 +23,11 @@ using Eigen::Vector3d;
 constexpr double kMaxMagnification = 4.0;
 constexpr double kMaxAutomaticFieldOfView_rad = 2.0 * kPi / 3.0;
 constexpr double kFaceFieldOfView_rad = 0.5 * kPi;
-// Rounding errors must not change a size that is a whole number.
+// Rounding errors must not change an integer size.
 constexpr double kSizeTolerance = 1e-6;
 // OpenCV resamples images with sides below 2^15.
 constexpr int kMaxSide = 32766;
-// Before max_image_size is applied.
+// The limit before max_image_size is applied.
 constexpr double kMaxPlannedSide = 1e6;
 
 struct Face {
@@ -61,8 +61,8 @@ double AngleToAxis(const Vector3d& ray) {
   return AngleBetween(ray, Vector3d::UnitZ().eval());
 }
 
-// A PINHOLE camera with the principal point and the resolution that the camera
-// has on its optical axis. Most models have these as parameters.
+// A PINHOLE camera with the principal point and the resolution of the camera on
+// its optical axis. Most models have these as parameters.
 Camera PinholeOnAxis(const Camera& camera) {
   Eigen::Matrix<double, 2, 3> jacobian;
   const auto center = ProjectToPixel(camera.model, camera.params.data(),
@@ -224,7 +224,7 @@ void FitToOriginal(const Camera& camera, const ViewOptions& options,
   SetSize(width_px, height_px, pinhole);
 }
 
-// A centered image with this horizontal field of view.
+// Sets a centered image with this horizontal field of view.
 void FitToAngle(double field_of_view_rad, double height_per_width,
                 Camera* pinhole) {
   const double tangent = std::tan(0.5 * field_of_view_rad);
@@ -254,7 +254,7 @@ void LimitSize(int max_image_size, Camera* pinhole) {
   SetSize(width_px, height_px, pinhole);
 }
 
-// The largest part of the image of which the principal point is the center.
+// Crops to the largest part of the image whose center is the principal point.
 void CenterPrincipalPoint(Camera* pinhole) {
   const auto crop = [](int size, double* center) {
     const double cropped_size = 2.0 * std::min(*center, size - *center);

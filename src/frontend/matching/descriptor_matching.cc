@@ -15,7 +15,7 @@ using State = RoughDecision::State;
 // Descriptors have a norm of 512 up to the rounding of their elements.
 constexpr double kSquaredNorm = 512.0 * 512.0;
 
-// Whether a descriptor accepts its nearest neighbor.
+// Tests whether a descriptor accepts its nearest neighbor.
 class Acceptance {
  public:
   explicit Acceptance(const DescriptorMatchingOptions& options)
@@ -35,8 +35,9 @@ class Acceptance {
   const double max_distance_;
 };
 
-// Replaces unsure decisions by those of exact dot products with `others`, or by
-// a rejection where `needs(i)` says that no match can depend on them.
+// Replaces uncertain decisions by decisions with exact dot products with
+// `others`, or by a rejection if `needs(i)` says that no match can depend on
+// them.
 void SettleUnsure(DescriptorView descriptors, DescriptorView others,
                   const Acceptance& accepts,
                   const std::function<bool(size_t)>& needs,
@@ -68,7 +69,8 @@ void SettleUnsure(DescriptorView descriptors, DescriptorView others,
   }
 }
 
-// The decisions of all descriptors; none that a match depends on is unsure.
+// The decisions of all descriptors; no decision that a match depends on is
+// uncertain.
 RoughDecisions DecideAll(DescriptorView descriptors1,
                          DescriptorView descriptors2,
                          const DescriptorMatchingOptions& options) {

@@ -24,7 +24,7 @@ struct DescriptorView {
 // The distance of two descriptors is the angle arccos(dot / 512^2). Descriptor
 // i accepts its nearest neighbor j if
 //   d(i, j) <= max_distance  and  d(i, j) < max_ratio d(i, second nearest);
-// with cross_check, j must accept i as well. Ties go to the smaller index.
+// with cross_check, j must also accept i. Ties go to the smaller index.
 //
 // Cost: 128 |1| |2| integer multiplications; one pass serves both directions.
 [[nodiscard]] std::vector<Match> MatchDescriptors(

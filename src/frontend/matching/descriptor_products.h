@@ -8,10 +8,10 @@
 namespace mgsfm {
 
 // Dot products of descriptors in tiles of kTileRows x kTileColumns, and the two
-// largest of each row and column. Row descriptors are contiguous; column
-// descriptors are stored in blocks of kTileColumns as
-// [group of dimensions][column][dimension within the group].
-// The 8 vectors of sums of a tile stay in the 16 registers of AVX2.
+// largest products of each row and column. Row descriptors are contiguous;
+// column descriptors are stored in blocks of kTileColumns as [group of
+// dimensions][column][dimension within the group]. The 8 vectors of sums of a
+// tile stay in the 16 registers of AVX2.
 constexpr int kTileRows = 4;
 constexpr int kTileColumns = 16;
 constexpr int kNumDims = 128;
@@ -64,7 +64,7 @@ constexpr int kFactorBits = 12;
 // Exact kernels all return the same numbers.
 ExactTileFunctions PortableTileFunctions();
 ExactTileFunctions FastestTileFunctions();  // on this processor
-// About twice as fast; nullopt if the processor has no AVX2.
+// About twice as fast; nullopt unless the processor has AVX2.
 std::optional<RoughTileFunctions> FindRoughTileFunctions();
 
 }  // namespace mgsfm

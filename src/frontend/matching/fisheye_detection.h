@@ -11,7 +11,8 @@
 
 namespace mgsfm {
 
-// Cameras with a perspective model whose images look like those of a fisheye.
+// Cameras with a perspective model whose images are better explained by a
+// fisheye.
 struct FisheyeFinding {
   std::vector<std::string> cameras;  // names of sensors
   std::vector<int> camera_idxs;
@@ -21,14 +22,14 @@ struct FisheyeFinding {
   double unexplained_by_pinhole = 0.0;
 };
 
-// Compares, for each camera of unknown intrinsics and perspective model, how
-// many matches between its images two lenses leave unexplained: a pinhole of
+// Compares, for each camera with unknown intrinsics and a perspective model,
+// how many matches between its images two lenses do not explain: a pinhole of
 // any focal length (a fundamental matrix) and an equidistant fisheye of the
 // best of several fields of view (a relative pose). The camera is a fisheye if
-// that leaves less than 40 % as many. Moderate distortion of a perspective lens
-// does not suffice. Beside a fisheye, a camera with images of the same size is
-// probably of the same make, and a certain difference suffices. Cameras with
-// the same result are listed together.
+// the fisheye leaves less than 40 % as many matches unexplained, which moderate
+// distortion of a perspective lens does not cause. For a camera with the image
+// size of a detected fisheye, probably of the same make, a significant
+// difference suffices. Cameras with the same result are listed together.
 //
 // Cost: six verifications of up to 20 image pairs per camera.
 [[nodiscard]] std::vector<FisheyeFinding> FindFisheyes(
@@ -39,8 +40,8 @@ struct FisheyeFinding {
 std::string DescribeEvidence(const FisheyeFinding& finding);
 std::string Describe(const FisheyeFinding& finding);
 
-// Gives the cameras the model OPENCV_FISHEYE, without prior focal length, and
-// removes all two-view geometries, whose verification used the former models.
+// Sets the model OPENCV_FISHEYE without prior focal length, and removes all
+// two-view geometries, which were verified with the former models.
 void AdoptFisheyes(const std::vector<FisheyeFinding>& findings,
                    const Scene& scene, FeatureDatabase* database);
 

@@ -16,8 +16,9 @@
 namespace mgsfm {
 namespace {
 
-// Share of the inliers of a PANORAMIC pair that must agree with the rig motion
-// for the pair to stay. Most matches of a true pair agree, few of a false one.
+// Fraction of the inliers of a PANORAMIC pair that must agree with the rig
+// motion to keep the pair. Most matches of a correct pair agree, few of a wrong
+// one.
 constexpr double kMinRotationInlierRatio = 0.5;
 // RANSAC also tries the relative pose of each pair, so few samples suffice.
 constexpr int kMaxNumTrials = 1000;
@@ -163,8 +164,8 @@ std::vector<std::optional<ImagePair>> VerifyUnits(
 
 namespace {
 
-// Pairs of frames in memory at a time. The feature cache bounds the memory;
-// this bounds the time between two checks for an interruption.
+// Maximum number of frame pairs in memory. The feature cache bounds the memory;
+// this bounds the time between two checks for interruption.
 constexpr size_t kMaxNumFramePairs = 64;
 // VerifyImages uses the default stream of the same seed.
 constexpr uint64_t kRandomStream = 1;
@@ -351,8 +352,8 @@ class UnitPass {
     }
   }
 
-  // One transaction: sequential matching learns from the pairs verified so far,
-  // which must not depend on where an earlier run was interrupted.
+  // One transaction: sequential matching learns from verified pairs, which must
+  // not depend on where an earlier run was interrupted.
   void Write() {
     DatabaseTransaction transaction(&databases_.output);
     for (const Result& result : results_) {

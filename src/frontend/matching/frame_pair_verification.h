@@ -37,15 +37,15 @@ struct UnitImagePair {
 // least two pairs support it, with min_num_inliers inliers in total. Then
 //   - a supporting pair becomes CALIBRATED, with the relative pose of the rig
 //     motion and its inliers: a motion estimated from one pair alone is less
-//     certain, above all with few matches or little parallax;
+//     certain, especially with few matches or little parallax;
 //   - a PANORAMIC pair of which at least half the inliers agree is unchanged;
 //   - any other pair becomes DEGENERATE: its own motion contradicts the rig, as
-//     that of a moving object or of a duplicate structure does.
+//     for a moving object or a duplicate structure.
 // If the motion is not accepted, all pairs are unchanged.
 //
 // Returns the new two-view geometry of each pair, nullopt if it is unchanged.
 // `unit2_from_unit1` is the known motion, such as the identity for images of
-// one frame; nullopt: it is estimated. Pairs without prior focal lengths and
+// one frame; nullopt to estimate it. Pairs without prior focal lengths and
 // WATERMARK pairs are ignored and unchanged.
 [[nodiscard]] std::vector<std::optional<ImagePair>> VerifyUnits(
     const std::vector<UnitImagePair>& pairs,
@@ -70,8 +70,8 @@ struct FramePairSummary {
 
 // Runs VerifyUnits on all pairs of frames with known rig extrinsics and at
 // least two matched image pairs, and overwrites the two-view geometries that
-// change. Starts from the matches, so that running it again, or after an
-// interruption, gives the same result.
+// change. Starts from the matches, so that repeated or interrupted runs give
+// the same result.
 FramePairSummary VerifyUnitsOfPairs(const ImagePairList& pairs,
                                     const Scene& scene,
                                     const PairMatchingOptions& options,

@@ -21,8 +21,8 @@ namespace {
 constexpr size_t kMaxNumPairsOfWord = 4;
 // Bounds the quadratic cost of spatial verification.
 constexpr size_t kMaxNumPairs = 256;
-// A similarity only approximates the change of perspective; see the header.
-// Precision and recall with these values: docs/results/constants.md.
+// A similarity only approximates the change of perspective (see the header).
+// docs/results/constants.md has precision and recall with these values.
 constexpr float kMaxDistance = 0.05f;  // relative to the diagonal
 constexpr float kMaxLog2Scale = 1.0f;
 constexpr float kMaxRotationRad = 0.5236f;  // 30 degrees
@@ -69,7 +69,7 @@ std::vector<FeaturePair> PairsOfWords(const WordImage& image1,
     }
   });
   if (pairs.size() <= kMaxNumPairs) return pairs;
-  // Select pairs at equal spacing.
+  // Selects pairs at equal spacing.
   std::vector<FeaturePair> selected(kMaxNumPairs);
   for (size_t i = 0; i < kMaxNumPairs; ++i) {
     selected[i] = pairs[i * pairs.size() / kMaxNumPairs];
@@ -186,7 +186,7 @@ namespace {
 // features each.
 constexpr size_t kChunkSize = 64;
 
-// The largest features of an image, in their order in the database.
+// The largest features of an image, in database order.
 struct LargestFeatures {
   std::vector<FeatureKeypoint> keypoints;
   std::vector<uint8_t> descriptors;
@@ -326,7 +326,7 @@ constexpr float kMinRelativeSimilarity = 0.25f;
 // tests/frontend/matching/vocabulary_test.cc have at most this many by chance.
 constexpr int kMinConsistentWords = 6;
 
-// A frame by its index in a sequence.
+// A frame as an index in a sequence.
 struct Place {
   size_t sequence = 0;
   int frame = 0;
@@ -446,7 +446,7 @@ class FrameRetrieval {
         candidates);
   }
 
-  // Keeps the candidates with the largest values, the first of equal ones.
+  // Keeps the candidates with the largest values; ties go to the first.
   template <class Value>
   static void KeepFirst(int num_kept, const Value& value,
                         std::vector<Candidate>* candidates) {

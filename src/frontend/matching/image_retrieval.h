@@ -34,8 +34,8 @@ class WordIndex {
 
   size_t num_images() const { return words_.size(); }
 
-  // Similarity of all images to one of them, in [0, 1]: the cosine of the
-  // tf-idf vectors with the elements
+  // Similarity of all images to one image, in [0, 1]: the cosine of the tf-idf
+  // vectors with the elements
   //   sqrt(features of the word in the image) log((images + 1) / images with
   //   it).
   // The square root accounts for bursts of words (Jegou, Douze, Schmid: On the
@@ -59,8 +59,9 @@ class WordIndex {
 
 // Spatial verification: the number of common words whose keypoints agree on one
 // similarity of the image plane, within 5 % of the diagonal, a factor of 2 in
-// scale and 30 degrees. Hypotheses are the similarities of single features of
-// rare words; the best one counts. O(c^2) for c <= 256 pairs of such features.
+// scale and 30 degrees. Hypotheses are the similarities of single feature pairs
+// of rare words; the best one counts. O(c^2) for c <= 256 pairs of such
+// features.
 int CountConsistentWords(const WordImage& image1, const WordImage& image2);
 
 struct ImageWords {
@@ -69,7 +70,7 @@ struct ImageWords {
 };
 
 // Trains a vocabulary on a sample of the max_num_features largest features (-1:
-// all) of the images. nullopt if they have none.
+// all) of the images. nullopt without features.
 std::optional<Vocabulary> TrainVocabulary(
     const FeatureDatabase& database, const Scene& scene,
     const VocabularyTrainingOptions& options, int max_num_features,
@@ -91,12 +92,12 @@ struct FrameRetrievalOptions {
 };
 
 // Retrieves similar frames by visual words. Every period-th frame of a sequence
-// is a query and is compared with all others as a rigid unit: the similarity of
-// two frames is the sum over their image pairs, so that cameras vote jointly.
-// The num_images most similar frames are ranked by spatially consistent words
-// over all image pairs; the first num_images_after_verification (0: all) are
-// kept. Their image pairs with enough consistent words are selected.
-// `images` are those of `index`.
+// is a query, which is compared with all other frames as a rigid unit: the
+// similarity of two frames is the sum over their image pairs, so that cameras
+// vote jointly. The num_images most similar frames are ranked by spatially
+// consistent words over all image pairs; the first
+// num_images_after_verification (0: all) are kept. Their image pairs with
+// enough consistent words are selected. `images` belong to `index`.
 ImagePairList RetrievePairs(const std::vector<FrameSequence>& sequences,
                             const std::vector<WordImage>& images,
                             const WordIndex& index,

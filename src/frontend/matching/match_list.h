@@ -13,7 +13,7 @@
 namespace mgsfm {
 
 // COLMAP's text files of image pairs and matches. Image names may contain
-// blanks if a line splits into two known names in one way only. Empty lines
+// blanks if the line splits into two known names in only one way. Empty lines
 // between pairs and lines that start with '#' are skipped. All readers throw
 // Error, naming the file and the line, for anything else.
 

@@ -40,7 +40,7 @@ class Run {
     summary_ = summary_ + matcher_.Run(pairs, stage, span);
   }
 
-  // Joint verification of the pairs of frames; all pairs must be matched.
+  // Verifies pairs of frames jointly; all pairs must be matched.
   void VerifyUnits(const ImagePairList& pairs) {
     if (!options_.rig_verification.rig_verification) return;
     const FramePairSummary units = VerifyUnitsOfPairs(
@@ -126,7 +126,7 @@ void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
   }
 }
 
-// Writes the lists whose pair has no row yet.
+// Writes the lists of pairs without a row.
 void WriteListedMatches(const Scene& scene,
                         const std::vector<ListedMatches>& lists,
                         MatchListType type, FeatureDatabase* database) {

@@ -9,7 +9,7 @@ namespace mgsfm {
 namespace {
 
 // Rows multiplied with one block of columns while both are in the L1 cache: 64
-// rows and 16 columns of 128 values of 16 bits take 20 KiB of usually 32.
+// rows and 16 columns of 128 values of 16 bits take 20 of usually 32 KiB.
 constexpr int kPanelRows = 16 * kTileRows;
 // Rows and blocks of columns whose positions fit into one code.
 constexpr int kCellRows = 4 * kPanelRows;
@@ -109,7 +109,7 @@ class Cell {
     functions_.update(tile_, row, block, &of_rows_[row], &of_columns_[block]);
   }
 
-  // Padding rows and columns must not be found.
+  // Prevents padding rows and columns from being found.
   void MaskPadding(int num_rows, int num_columns) {
     for (int r = 0; r < kTileRows; ++r) {
       for (int c = 0; c < kTileColumns; ++c) {
@@ -263,7 +263,7 @@ RoughDecision Decide(const TwoNearest& rough, int32_t best_dot,
     max_second = std::max(0.0, bounds.Upper(rough.second_dot));
     min_second = std::max(0.0, bounds.Lower(rough.second_dot));
     if (best_dot <= max_second) {
-      // Another descriptor may be the nearest.
+      // Another descriptor may be nearest.
       const bool may_accept =
           accepts(static_cast<int32_t>(std::ceil(max_second)),
                   std::min<double>(best_dot, min_second));

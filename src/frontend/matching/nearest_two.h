@@ -12,10 +12,10 @@
 
 namespace mgsfm {
 
-// The nearest neighbor of a descriptor in another image, that is, the one with
-// the largest dot product (the first of equal ones), and the second largest dot
-// product. Dense ints, as the kernel fills one per descriptor: dot products are
-// non-negative, so kNone compares below all of them.
+// The nearest neighbor of a descriptor in another image, i.e. the descriptor
+// with the largest dot product (ties go to the first), and the second largest
+// dot product. Dense ints, because the kernel fills one per descriptor: dot
+// products are non-negative, so kNone compares below all of them.
 struct TwoNearest {
   static constexpr int32_t kNone = -1;
   int32_t best_idx = kNone;
@@ -71,7 +71,7 @@ std::vector<Column> PackColumns(size_t size, const Value& value) {
 }
 
 // The decision of a descriptor about its nearest neighbor in the other image,
-// as far as approximate dot products determine it.
+// if approximate dot products determine it.
 struct RoughDecision {
   enum class State {
     kRejects,  // accepts no descriptor
@@ -92,12 +92,12 @@ struct RoughDecisions {
 using AcceptanceTest = std::function<bool(int32_t best_dot, double second_dot)>;
 
 // Decides most descriptors by dot products of descriptors a of image 1 with
-// descriptors b of image 2 rounded to multiples of about 4, in half the time of
-// exact ones. Write b = s c + h with c the rounded descriptor and
-// s = b.c / c.c, so that h is orthogonal to c. With m = s |c| and y = s a.c,
-// only the component of a orthogonal to c contributes to a.h:
+// descriptors b of image 2 rounded to multiples of about 4. This takes half the
+// time of exact products. Write b = s c + h with c the rounded descriptor and s
+// = b.c / c.c, so that h is orthogonal to c. With m = s |c| and y = s a.c, only
+// the component of a orthogonal to c contributes to a.h:
 //   | a.b - y | = | a.h | <= |h| sqrt(|a|^2 - (y / m)^2).
-// These bounds are strict, so every decision equals that of exact dot products.
+// These bounds are strict, so decisions equal those with exact dot products.
 //
 // Returns nullopt if the processor lacks AVX2 or if the norms exceed those of
 // SIFT, so that 16-bit sums could overflow.

@@ -19,7 +19,7 @@
 namespace mgsfm {
 namespace {
 
-// Bounds what an interrupted run loses to seconds of work.
+// Limits the loss of an interrupted run to seconds of work.
 constexpr size_t kMaxBatchSize = 256;
 
 }  // namespace
@@ -103,7 +103,7 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
   return summary;
 }
 
-// Takes as many pairs as fit into the cache together.
+// Takes as many pairs as fit into the cache.
 std::vector<ImageIdxPair> PairMatcher::NextBatch(const ImagePairList& pairs,
                                                  size_t* next) {
   std::vector<ImageIdxPair> batch;
@@ -169,7 +169,7 @@ namespace {
 // The default of ExhaustiveMatching.block_size.
 constexpr size_t kImagesPerBlock = 50;
 
-// Everything that the matches of the pairs depend on, beside the database.
+// A hash of everything except the database that the matches depend on.
 std::string FingerprintOf(const Scene& scene, const ImagePairList& pairs,
                           PairMatchingOptions options, uint64_t random_seed) {
   Fingerprint fingerprint;
@@ -211,7 +211,7 @@ ImagePairList PairsOfShare(const ImagePairList& pairs, const Scene& scene,
     order.emplace_back(frames_of(pair), pair);
   }
   std::sort(order.begin(), order.end());
-  // A pair of frames belongs to the share in which its first pair lies.
+  // A pair of frames belongs to the share of its first image pair.
   const auto first_of_group = [&](size_t i) {
     while (i > 0 && i < order.size() && order[i].first == order[i - 1].first) {
       ++i;

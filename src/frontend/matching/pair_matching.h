@@ -21,7 +21,7 @@ namespace mgsfm {
 class FeatureCache;
 
 // Progress of a list of pairs that is one of several: the number of pairs in
-// the lists before it, and in all lists.
+// previous lists, and in all lists.
 struct ProgressSpan {
   size_t num_before = 0;
   size_t total = 0;
@@ -32,13 +32,13 @@ struct ProgressSpan {
 // with the features.
 class PairMatcher {
  public:
-  // Finds out which pairs the databases contain.
+  // Reads which pairs the databases contain.
   PairMatcher(const MatchDatabases& databases, const Scene& scene,
               const PairMatchingOptions& options, const Context& context);
   ~PairMatcher();
 
   // Matches each pair without matches and verifies each pair without two-view
-  // geometry. Reports progress within `span`, by default that of `pairs` alone.
+  // geometry. Reports progress within `span`, by default for `pairs` alone.
   PairMatchingSummary Run(const ImagePairList& pairs, std::string_view stage,
                           std::optional<ProgressSpan> span = std::nullopt);
 
@@ -63,18 +63,18 @@ class PairMatcher {
   std::map<ImageIdxPair, size_t> num_inliers_;  // of pairs with a geometry
 };
 
-// One share of the pairs. All pairs of two frames are in one share, because
-// rig verification needs them together; shares have about the same number of
-// pairs. Pairs of two blocks of some 50 images follow each other, so that the
-// features of an image are read for many pairs.
+// One share of the pairs. All pairs of two frames are in one share, because rig
+// verification needs them together; shares have about the same number of pairs.
+// Pairs of two blocks of some 50 images are consecutive, so that the features
+// of an image are read once for many pairs.
 ImagePairList PairsOfShare(const ImagePairList& pairs, const Scene& scene,
                            const Share& share);
 
 // Matches and verifies one share of `pairs`, which must be the same in all
-// processes, and writes the matches into a database of their own, a shard.
-// `features` is open kReadOnly; pairs that it has already are not matched
-// again. A share may be empty. Throws Error if `shard` is another shard or
-// none.
+// processes, and writes the matches into a separate database, a shard.
+// `features` is open kReadOnly; pairs that it already has are not matched
+// again. A share may be empty. Throws Error if `shard` is a different shard or
+// not a shard.
 PairMatchingSummary MatchShare(const FeatureDatabase& features,
                                const Scene& scene, const ImagePairList& pairs,
                                const Share& share,

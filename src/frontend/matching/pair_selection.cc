@@ -38,15 +38,15 @@ std::vector<int> FrameDistances(const SequentialPairOptions& options) {
   return distances;
 }
 
-// The distances in frames at which different sensors are paired: those of one
-// sensor, and 0.
+// The frame distances at which different sensors are paired: the distances for
+// one sensor, and 0.
 std::vector<int> SensorPairDistances(const SequentialPairOptions& options) {
   std::vector<int> distances = FrameDistances(options);
   distances.insert(distances.begin(), 0);
   return distances;
 }
 
-// Indices of frames spaced evenly, including the first.
+// Indices of evenly spaced frames, including the first.
 std::vector<int> ProbeFrames(const FrameSequence& sequence,
                              const SequentialPairOptions& options) {
   const int num_probes =
@@ -242,9 +242,9 @@ std::vector<PlacedImage> PlaceImages(
   return placed;
 }
 
-// Exact nearest neighbors in a kd-tree. FLANN alone breaks ties by the layout
-// of its tree, and images of one frame often share a position. It therefore
-// only bounds the distance of the last neighbor; all images within it are
+// Exact nearest neighbors in a kd-tree. FLANN breaks ties by the layout of its
+// tree, and images of one frame often share a position. It therefore only
+// bounds the distance of the last neighbor; all images within this distance are
 // sorted.
 class NearestImages {
  public:
@@ -264,7 +264,7 @@ class NearestImages {
     index_->buildIndex();
   }
 
-  // Indices of images, the nearest first, of equally near ones the first.
+  // Indices of images, nearest first; ties go to the smaller index.
   std::vector<int> Find(size_t query) const {
     struct Neighbor {
       double squared_distance;
@@ -435,7 +435,7 @@ ImagePairList SelectLoops(const FeatureDatabase& database, const Scene& scene,
                           const SequentialMatchingOptions& options,
                           const VocabularyOptions& vocabulary,
                           const Context& context) {
-  // Nearer frames are matched already, up to the overlap.
+  // Nearer frames, up to the overlap, are already matched.
   const FrameRetrievalOptions retrieval{
       options.loop_detection_period, options.loop_detection_num_images,
       options.loop_detection_num_images_after_verification,

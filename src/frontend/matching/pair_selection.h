@@ -37,8 +37,8 @@ using ImagePairList = std::vector<ImageIdxPair>;
 
 // ------------------------------------------------------------ sequences
 
-// Frames in the order of their names, which is assumed to be temporal: the
-// frames of one rig, or all frames with a single sensor whose images are in one
+// Frames in the order of their names, assumed to be the temporal order: the
+// frames of one rig, or all single-sensor frames whose images are in one
 // folder. A slot is a sensor of the rig.
 struct FrameSequence {
   int num_slots = 1;
@@ -56,12 +56,12 @@ std::vector<FrameSequence> MakeFrameSequences(const Scene& scene);
 ImagePairList SameSensorPairs(const std::vector<FrameSequence>& sequences,
                               const SequentialPairOptions& options);
 
-// Images of different sensors in frames i and i + d, including d = 0. Which
-// sensors overlap, and after how many frames, is learned: ProbePairs are all
-// sensor pairs of `num_probe_frames` frames i, spaced evenly over the sequence.
-// OverlappingSensorPairs are the pairs (sensor, later sensor, d) for which at
-// least min_probe_ratio of the probes are verified, for all frames. Both are
-// empty without expand_rig_images.
+// Images of different sensors in frames i and i + d, including d = 0.
+// ProbePairs show which sensors overlap, and after how many frames: they are
+// all sensor pairs of `num_probe_frames` frames i, spaced evenly over the
+// sequence. OverlappingSensorPairs are the pairs (sensor, later sensor, d) for
+// which at least min_probe_ratio of the probes are verified, for all frames.
+// Both are empty without expand_rig_images.
 ImagePairList ProbePairs(const std::vector<FrameSequence>& sequences,
                          const SequentialPairOptions& options);
 ImagePairList OverlappingSensorPairs(
@@ -71,11 +71,10 @@ ImagePairList OverlappingSensorPairs(
 
 // -------------------------------------------------------------- position
 
-// Pairs of each image with its nearest neighbors; of equally near images those
-// with smaller indices. An image without position takes that of the first image
-// of its frame with one; frames without any position are ignored. Neighbors
-// are exact, by FLANN's kd-tree: O(n log n + neighbors) for n images in
-// general position.
+// Pairs of each image with its nearest neighbors; ties go to smaller indices.
+// An image without a position uses the position of the first image of its frame
+// that has one; frames without any position are ignored. Neighbors are exact,
+// by FLANN's kd-tree: O(n log n + neighbors) for n images in general position.
 ImagePairList SpatialPairs(
     const Scene& scene,
     const std::vector<std::optional<Eigen::Vector3d>>& position_of_image,
@@ -92,11 +91,11 @@ inline void SortUnique(ImagePairList* pairs) {
 
 // The pairs that the functions of matching.h match, without matching them. They
 // depend on features, positions, names and options only, so that processes that
-// match a share each agree on them.
+// match one share each agree on them.
 
 ImagePairList SelectExhaustively(const Scene& scene);
 
-// Matches the probe pairs in a temporary file, to learn which cameras overlap.
+// Matches the probe pairs in a temporary file to find which cameras overlap.
 ImagePairList SelectSequentially(const FeatureDatabase& database,
                                  const Scene& scene,
                                  const SequentialMatchingOptions& options,
@@ -104,7 +103,7 @@ ImagePairList SelectSequentially(const FeatureDatabase& database,
                                  const PairMatchingOptions& matching,
                                  const Context& context);
 
-// Loops of sequential matching; nearer frames are not retrieved.
+// Loops of sequential matching; excludes nearer frames.
 ImagePairList SelectLoops(const FeatureDatabase& database, const Scene& scene,
                           const SequentialMatchingOptions& options,
                           const VocabularyOptions& vocabulary,
@@ -124,7 +123,7 @@ ImagePairList SelectSpatially(const FeatureDatabase& database,
 
 // The pairs of a file (match_list.h).
 ImagePairList SelectListed(const Scene& scene, const std::string& list_path);
-// Writes such a file.
+// Writes this file.
 void WritePairList(const ImagePairList& pairs, const Scene& scene,
                    const std::string& list_path);
 

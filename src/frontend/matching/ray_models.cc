@@ -14,7 +14,7 @@ namespace mgsfm {
 namespace {
 
 // Reweighting steps of the local optimization; each uses the inliers and
-// weights of the model before. One and four find the inliers within 0.6 %
+// weights of the previous model. One and four find the inliers within 0.6 %
 // (docs/results/constants.md).
 constexpr int kNumLocalSteps = 2;
 // Lower bound of the denominators of Sampson errors, which are of order one for
@@ -94,7 +94,7 @@ struct FundamentalProblem {
     };
   }
 
-  // x F1 + (1 - x) F2 of determinant 0; F1 and F2 span the kernel.
+  // x F1 + (1 - x) F2 with determinant 0; F1 and F2 span the kernel.
   int Solve(const std::array<size_t, 7>& sample,
             std::array<Model, 3>* models) const {
     Eigen::Matrix<double, 7, 9> rows;

@@ -14,9 +14,9 @@ namespace mgsfm {
 // and stop at RansacOptions::confidence or max_num_trials. Errors are angles in
 // radians. nullopt if no model has more inliers than a sample.
 
-// F of rank 2 with f2^T F f1 = 0, for cameras of unknown intrinsics whose rays
-// are linear in the pixel coordinates. The error is the first-order (Sampson)
-// distance of both rays to the constraint:
+// F of rank 2 with f2^T F f1 = 0, for cameras with unknown intrinsics whose
+// rays are linear in the pixel coordinates. The error is the first-order
+// (Sampson) distance of both rays to the constraint:
 //   r = f2^T F f1 / sqrt(|F f1|^2 + |F^T f2|^2 - 2 (f2^T F f1)^2).
 // Samples: seven points (Hartley, Zisserman: Multiple View Geometry, 2004,
 // 11.1.2). Local optimization: weighted least squares on the inliers.

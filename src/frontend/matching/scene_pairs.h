@@ -34,8 +34,8 @@ class ImageIdxs {
   std::map<ImageId, int> idxs_;
 };
 
-// The database with the features, which may be only read, and the one that
-// matches are written to. They are the same, or the second is a shard.
+// The database with the features, which may be read-only, and the database for
+// matches. They are the same, or the second is a shard.
 struct MatchDatabases {
   const FeatureDatabase& features;
   FeatureDatabase& output;
@@ -49,8 +49,8 @@ std::vector<std::pair<ImageIdxPair, size_t>> CountMatches(
 std::vector<std::pair<ImageIdxPair, size_t>> CountInlierMatches(
     const MatchDatabases& databases, const Scene& scene);
 
-// The matches of a pair, image 1 of the scene first, sorted by keypoint
-// indices; from the output database if it has a row of the pair.
+// The matches of a pair, with the order of images of the scene, sorted by
+// keypoint indices; from the output database if it has a row of the pair.
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const Scene& scene,
                                      const ImageIdxPair& pair);
@@ -63,7 +63,7 @@ void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
                   size_t num_keypoints2, const std::string& image_name1,
                   const std::string& image_name2);
 
-// Seed of a pair that depends on names only, not on ids or order of work.
+// Seed of a pair that depends on names only, not on ids or processing order.
 uint64_t PairSeed(const std::string& image_name1,
                   const std::string& image_name2, uint64_t random_seed);
 
@@ -104,7 +104,7 @@ class FeatureCache {
   bool HasRoomFor(int image_idx) const;
   // Verification of existing matches needs no descriptors.
   void AddToBatch(int image_idx, bool needs_descriptors);
-  // Call it after all images of the batch were added.
+  // Must be called after all images of the batch were added.
   void ComputeRays(const Context& context);
 
   const ImageFeatures& Get(int image_idx) const {

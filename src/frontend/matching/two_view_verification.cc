@@ -18,8 +18,9 @@ namespace {
 // 1 - (1 - 0.2^2)^200 = 0.9997.
 constexpr int kMaxNumRotationTrials = 200;
 // Minimum ratio of rotation inliers to homography inliers of a PANORAMIC pair.
-// Without parallax it is at least 1 up to noise, as the tolerance of rotations
-// is sqrt(2) wider. docs/results/constants.md compares 0.8 to 1.
+// Without parallax, it is at least 1 up to noise, because the tolerance of
+// rotations is sqrt(2) times larger. docs/results/constants.md compares 0.8 to
+// 1.
 constexpr double kMinRotationRatio = 0.95;
 // Refinement of the pose on its inliers stops early: it decides which matches
 // are inliers, and the mapper refines the pose again.
@@ -87,7 +88,7 @@ bool IsRotationEnough(const std::vector<size_t>& rotation_inliers,
          kMinRotationRatio * static_cast<double>(homography_inliers.size());
 }
 
-// The rays of a pair's matches, and which of them agree with a model.
+// The rays of a pair's matches, and those that agree with a model.
 struct MatchedRays {
   RayMatches rays;
   std::vector<size_t> match_idxs;  // of the rays among all matches
@@ -243,8 +244,8 @@ class PairVerifier {
     return EstimateRotation(rays_.rays, ransac, random_);
   }
 
-  // The homography is estimated on inliers only, so few trials find one that
-  // explains the ratio in question.
+  // The homography is estimated on inliers only, so few trials find one with
+  // the required ratio.
   std::vector<size_t> InliersOfHomography(const std::vector<size_t>& inliers,
                                           std::optional<Eigen::Matrix3d>* H) {
     RansacOptions ransac = ransac_;
@@ -358,7 +359,7 @@ ImagePair VerifyPair(const VerificationView& view1,
 
 namespace {
 
-// At the default ratio of 0.7 all 20 samples are outliers with a probability of
+// At the default ratio of 0.7, all 20 samples are outliers with probability
 // 0.3^20 < 1e-10.
 constexpr int kNumTrials = 20;
 

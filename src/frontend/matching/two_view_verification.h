@@ -21,7 +21,7 @@ struct VerificationView {
   const std::vector<std::optional<Eigen::Vector3d>>* rays = nullptr;
 };
 
-// The mean angle of a pixel of both cameras, at their principal points.
+// The mean angle of a pixel over both cameras, at their principal points.
 double RadiansPerPixel(const Camera& camera1, const Camera& camera2);
 
 // Estimates the two-view geometry with the largest consensus and its inliers.
@@ -47,18 +47,18 @@ double RadiansPerPixel(const Camera& camera1, const Camera& camera2);
 // E and the relative pose are set on the calibrated path. F and H (in pixels)
 // are set if both cameras are pinholes or on the uncalibrated path.
 //
-// RANSAC draws at most as many samples as find a model of the smallest
-// acceptable inlier ratio with the requested confidence, and stops earlier if
-// the best model has a larger one. image_idx1 and image_idx2 of the result are
-// not set.
+// RANSAC draws at most as many samples as needed to find a model of the
+// smallest acceptable inlier ratio with the requested confidence, and stops
+// earlier if the best model has a larger ratio. image_idx1 and image_idx2 of
+// the result are not set.
 [[nodiscard]] ImagePair VerifyPair(const VerificationView& view1,
                                    const VerificationView& view2,
                                    const std::vector<Match>& matches,
                                    const TwoViewGeometryOptions& options,
                                    Random random);
 
-// Whether the inliers of a two-view geometry are those of a watermark, that is,
-// a frame or caption inserted into both images: at least
+// Whether the inliers of a two-view geometry belong to a watermark, i.e. a
+// frame or caption inserted into both images: at least
 // watermark_min_inlier_ratio of them lie at the border of both images and share
 // one translation, up to max_error.
 bool IsWatermark(const VerificationView& view1, const VerificationView& view2,

@@ -18,9 +18,9 @@ namespace mgsfm {
 namespace {
 
 constexpr size_t kDim = DescriptorView::kDim;
-// Lower bound, so that a word stands for several features rather than one.
+// Lower bound, so that a word represents several features.
 constexpr size_t kMinSamplesPerWord = 8;
-// Samples per unit of parallel work.
+// Samples per parallel task.
 constexpr size_t kBlockSize = 256;
 
 using WideDescriptor = std::array<int16_t, kDim>;
@@ -315,7 +315,7 @@ Vocabulary Vocabulary::Read(const std::string& path) {
     std::memcpy(node, at, sizeof(node));
     int16_t* center = tree.centers_.data() + static_cast<size_t>(i) * kDim;
     std::memcpy(center, at + sizeof(node), kDim * sizeof(int16_t));
-    // Children follow their parent, so that every path ends.
+    // Children come after their parent, so every path ends.
     const bool is_leaf = node[1] == 0;
     check(is_leaf ? node[2] >= 0 && node[2] < num_nodes
                   : node[1] > 0 && node[0] > i && node[0] < num_nodes &&

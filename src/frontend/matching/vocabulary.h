@@ -17,7 +17,7 @@ namespace mgsfm {
 // min(branching, n / m) children if these are at least two, where m is the mean
 // number of samples per word, at least 8. Centers are rounded to integers, so
 // that all sums are exact and the tree is independent of the number of threads.
-// FLANN was measured and not adopted, see docs/development/libraries.md.
+// docs/development/libraries.md explains why FLANN is not used.
 //
 // K-means of a level stops when no sample changes its center, or after
 // num_iterations. O(samples * branching * levels * iterations).
@@ -28,15 +28,15 @@ class Vocabulary {
                           const VocabularyTrainingOptions& options,
                           const Context& context);
 
-  // A file of this program; not COLMAP's format. Read throws Error, naming the
-  // file, if it is none.
+  // A file format of this program, not COLMAP's. Read throws Error, naming the
+  // file, for other files.
   static Vocabulary Read(const std::string& path);
   void Write(const std::string& path) const;
 
   int num_words() const { return num_words_; }
 
-  // The word at the end of the path that descends to the nearest child; the
-  // first of equally near ones. O(branching * levels).
+  // The word reached by descending to the nearest child; ties go to the first
+  // child. O(branching * levels).
   int FindWord(const uint8_t* descriptor) const;
 
  private:

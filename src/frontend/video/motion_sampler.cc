@@ -22,14 +22,14 @@ constexpr int kPatchRadiusPx = 7;
 // The median of ten displacements is accurate to 0.4 of their standard
 // deviation.
 constexpr size_t kMinNumPatches = 10;
-// Correlation of the same patch in two images; unrelated ones are below 0.7.
+// Correlation of the same patch in two images; unrelated patches are below 0.7.
 constexpr double kMinCorrelation = 0.8;
 // Motion of the last candidate, relative to that of the first. With eight
 // images per min_motion, the selected one is sharper than 83 % of all, and
 // neighbors are 1.25 min_motion apart on average (docs/results/constants.md).
 constexpr double kWindow = 1.5;
-// A camera that stops within the window need not move on to be sampled; 60
-// candidates are two seconds at 30 Hz.
+// A camera that stops within the window is also sampled after this many
+// candidates: two seconds at 30 Hz.
 constexpr size_t kMaxNumCandidates = 60;
 
 cv::Mat Reduce(const cv::Mat& gray) {
@@ -51,7 +51,7 @@ double SharpnessOf(const cv::Mat& gray) {
 
 std::vector<cv::Point> FindPatches(const cv::Mat& small) {
   // Relative to the strongest corner, as in OpenCV's examples; weak corners are
-  // better than none, and the correlation rejects what is ambiguous.
+  // better than none, and the correlation rejects ambiguous ones.
   constexpr double kMinQuality = 0.01;
   // Patches share at most a third of their area.
   constexpr double kMinDistancePx = 10.0;
@@ -111,11 +111,11 @@ std::vector<int> MotionSampler::Finish() {
   return std::move(selected_);
 }
 
-// nullopt: so far that most patches are lost.
+// nullopt if most patches are lost because the motion is too large.
 std::optional<double> MotionSampler::MotionOf(const Frame& frame) const {
   const bool has_patches = patches_.size() >= kMinNumPatches;
   if (!has_patches) {
-    // Nothing can move in an image without texture.
+    // Motion is not visible in an image without texture.
     if (FindPatches(frame.small).size() < kMinNumPatches) return 0.0;
     return std::nullopt;
   }

@@ -11,12 +11,12 @@ namespace mgsfm {
 // still overlap, and are sharp:
 //
 // - The motion of an image is the median displacement of image patches since
-//   the last selected image, as a share of the larger side. A camera that
-//   stands still has none, whatever moves before it, as long as that covers
-//   less than half of the patches.
+//   the last selected image, as a fraction of the larger side. A standing
+//   camera has none, whatever moves in front of it, as long as this covers less
+//   than half of the patches.
 // - Once the motion reaches `min_motion`, the sharpest image with a motion up
 //   to 1.5 times as large is selected. If there is none, the first image beyond
-//   is.
+//   it is selected.
 //
 // Turns without parallax count as motion, too, because the images before and
 // after a turn must stay connected.
@@ -24,7 +24,7 @@ class MotionSampler {
  public:
   explicit MotionSampler(double min_motion);
 
-  // Gray images, in the order of time; `idx` is their number.
+  // Adds gray images in temporal order; `idx` is the number of the image.
   void Add(int idx, const cv::Mat& gray);
   // The selected images. The first one is always selected.
   std::vector<int> Finish();

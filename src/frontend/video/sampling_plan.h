@@ -11,16 +11,15 @@ namespace mgsfm {
 
 // Times are in ascending order.
 
-// The images that are nearest to the times t0, t0 + 1 / rate, ... up to the
-// last image, where t0 is the time of the first one; the earlier one of two
-// equally near ones. Each image is selected at most once.
+// The images nearest to the times t0, t0 + 1 / rate, ... up to the last image,
+// where t0 is the time of the first image; ties go to the earlier image. Each
+// image is selected at most once.
 std::vector<int> SelectByRate(const std::vector<int64_t>& times_ns,
                               double rate_hz);
 
-// For each instant the image that is nearest to it, if they are at most
-// `max_difference_ns` apart. One to one: an image that is nearest to several
-// instants belongs to the nearest of them, the earlier one if two are equally
-// near.
+// For each instant, the nearest image if they are at most `max_difference_ns`
+// apart. One to one: an image that is nearest to several instants belongs to
+// the nearest of them; ties go to the earlier instant.
 std::vector<std::optional<int>> SelectAtInstants(
     const std::vector<int64_t>& instants_ns,
     const std::vector<int64_t>& times_ns, int64_t max_difference_ns);
@@ -38,14 +37,14 @@ struct SampledFrame {
 // The images that are extracted from each video.
 struct SamplingPlan {
   std::vector<std::string> folders;  // one per video
-  // Add them to time stamps to get times on a common clock.
+  // Offsets to add to time stamps to get times on a common clock.
   std::vector<int64_t> offsets_ns;
   std::vector<SampledFrame> frames;
 };
 
 // The name of a frame: its time since the first one, such as 000012.345. All
-// names of a recording have the same number of decimals, three if that suffices
-// to tell them apart.
+// names of a recording have the same number of decimals, three if this makes
+// them distinct.
 std::vector<std::string> NamesOfTimes(const std::vector<int64_t>& times_ns);
 
 // Folders of the images: the names of the videos without extension or, if some
@@ -55,12 +54,12 @@ std::vector<std::string> FoldersOfVideos(
     const std::vector<std::filesystem::path>& paths);
 
 // The plan of an earlier run with the same settings, a JSON text. nullopt if
-// there is no earlier run. Throws Error if the folder holds images of other
-// settings, or of unknown ones.
+// there is no earlier run. Throws Error if the folder holds images of other or
+// unknown settings.
 std::optional<SamplingPlan> ReadPlan(const std::filesystem::path& output_path,
                                      const std::string& settings);
 
-// Begins a run, which later ones continue.
+// Begins a run that later runs can continue.
 void WritePlan(const std::filesystem::path& output_path,
                const std::string& settings, const SamplingPlan& plan);
 

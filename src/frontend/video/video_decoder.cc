@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Containers that hold their own data. Play lists could name other files.
+// Containers with embedded data. Playlists could refer to other files.
 constexpr char kContainers[] =
     "mov,mp4,matroska,webm,avi,mpegts,mpeg,asf,flv,ogg,mxf,nut";
 constexpr AVRational kNanosecondTimeBase = {1, 1'000'000'000};
@@ -90,7 +90,7 @@ class VideoFile {
     while (true) {
       av_packet_unref(packet);
       const int code = av_read_frame(format_.get(), packet);
-      // Packets behind an unreadable one cannot be found.
+      // Packets after an unreadable one cannot be found.
       is_cut_off_ |= code < 0 && code != AVERROR_EOF;
       if (code < 0) return false;
       if (packet->stream_index == stream_->index) return true;
@@ -140,13 +140,13 @@ std::optional<int64_t> CreationTimeNs(const AVFormatContext& format) {
   if (tag == nullptr || av_parse_time(&time_us, tag->value, 0) < 0) {
     return std::nullopt;
   }
-  // Cameras without a clock write the beginning of their calendar.
+  // Cameras without a clock write the first date of their calendar.
   constexpr int64_t kYear2000Us = 946'684'800'000'000;
   if (time_us < kYear2000Us) return std::nullopt;
   return 1000 * time_us;
 }
 
-// The clockwise turn that makes images upright, or nullopt if there is none.
+// The clockwise rotation that makes images upright; nullopt if there is none.
 std::optional<cv::RotateFlags> TurnOf(const AVStream& stream) {
   const uint8_t* const matrix =
       av_stream_get_side_data(&stream, AV_PKT_DATA_DISPLAYMATRIX, nullptr);
@@ -171,7 +171,7 @@ bool IsGray(AVPixelFormat format) {
   return description != nullptr && description->nb_components == 1;
 }
 
-// The matrix and range with which the camera encoded colors.
+// Sets the matrix and range with which the camera encoded colors.
 void SetColorSpace(const AVFrame& frame, SwsContext* scaler) {
   const bool is_known = frame.colorspace != AVCOL_SPC_UNSPECIFIED &&
                         frame.colorspace != AVCOL_SPC_RGB;
@@ -271,7 +271,7 @@ class FfmpegDecoder : public VideoDecoder {
   // At the end of the file, the decoder returns the images it still holds.
   void SendPacket() {
     const bool has_packet = file_.ReadPacket(packet_.get());
-    // A packet that the decoder refuses holds no image.
+    // A packet that the decoder rejects contains no image.
     std::ignore =
         avcodec_send_packet(codec_.get(), has_packet ? packet_.get() : nullptr);
   }

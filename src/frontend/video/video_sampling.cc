@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Sharpness needs more pixels than motion; still larger images add nothing.
+// Sharpness needs more pixels than motion; even larger images add nothing.
 constexpr int kAnalysisSizePx = 640;
 
 std::string SecondsText(int64_t time_ns) {
@@ -120,7 +120,7 @@ std::vector<Video> ReadVideos(const std::vector<fs::path>& paths,
   return videos;
 }
 
-// Cameras that a person starts one after the other differ by seconds.
+// Suggests creation times: cameras started by hand differ by seconds.
 void SuggestCreationTimes(const std::vector<Video>& videos,
                           const VideoSamplingOptions& options,
                           const Context& context) {
@@ -256,7 +256,7 @@ class Extractor {
   // Writes the missing images of a video.
   void Extract(size_t video_idx, const fs::path& path, const Context& context,
                VideoSamplingSummary* summary) const;
-  // A line per image that exists.
+  // One line per existing image.
   std::string Timestamps() const;
 
  private:

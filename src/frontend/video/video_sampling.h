@@ -20,7 +20,7 @@ struct EnumTable<VideoSampling> {
       {"motion", VideoSampling::kMotion}, {"rate", VideoSampling::kRate}};
 };
 
-// States what the time stamps of different videos have in common.
+// What the time stamps of different videos have in common.
 enum class VideoAlignment {
   kTimestamps,    // the clock
   kStart,         // nothing, but all first images are simultaneous
@@ -93,21 +93,21 @@ struct VideoSamplingSummary {
 // output_path/images/VIDEO/TIME.jpg. The images of one frame have the same
 // name, the time since the first frame, and differ by at most
 // max_time_difference_s. The first video decides which frames are sampled; each
-// other video adds the image that is nearest in time, if there is one.
+// other video adds the nearest image in time, if there is one.
 // output_path/timestamps.txt has the times of all images on the common clock.
 //
-// Every file appears complete. A run with the same videos and settings
-// continues an interrupted one.
+// Files appear only when complete. A run with the same videos and settings
+// continues an interrupted run.
 //
-// Throws Error, naming the video, if one is damaged from its beginning, has no
-// time stamps, or shares no time with the first one. Later damage costs images,
-// with a warning.
+// Throws Error, naming the video, if it is damaged from its beginning, has no
+// time stamps, or shares no time with the first video. Later damage loses
+// images, with a warning.
 VideoSamplingSummary SampleVideos(
     const std::vector<std::filesystem::path>& paths,
     const std::filesystem::path& output_path,
     const VideoSamplingOptions& options, const Context& context);
 
-// The paths in a list that commas separate. Throws Error if there is none.
+// The paths in a list separated by commas. Throws Error if the list is empty.
 std::vector<std::filesystem::path> SplitVideoPaths(const std::string& list);
 
 }  // namespace mgsfm

@@ -13,23 +13,23 @@
 
 namespace mgsfm {
 
-// A camera as any calibration file describes it, in COLMAP's conventions: the
-// center of the first pixel is (0.5, 0.5).
+// A camera of a calibration file in COLMAP's conventions: the center of the
+// first pixel is (0.5, 0.5).
 struct CalibratedCamera {
   // Possible names of its image folder, most specific first; not empty.
   std::vector<std::string> names;
   std::string place;  // "'cam.yaml', line 3", for messages
   std::optional<CameraModelId> model;
   std::vector<double> params;  // of model
-  // The largest error of `model`, if it only approximates the lens of the file.
+  // The largest error of `model`, if it only approximates the lens.
   std::optional<double> fit_error_px;
-  // Why no model of COLMAP describes the lens; empty if one does.
+  // Why no model of COLMAP describes the lens; empty if a model does.
   std::string why_no_model;
   std::optional<std::pair<int, int>> size_px;  // width and height
-  // The base is common to the cameras of a calibration: a body, a vehicle or
-  // one of the cameras.
+  // The frame shared by the cameras of a calibration: a body, a vehicle or one
+  // of the cameras.
   std::optional<Rigid3> cam_from_base;
-  // Added to the times of its images, gives times of the base's clock.
+  // Offset from image times to the clock of the base.
   std::optional<double> time_shift_s;
 };
 
@@ -43,14 +43,13 @@ struct CalibratedCamera {
 //   nuScenes         calibrated_sensor.json with sensor.json, or one object per
 //                    camera
 //   Argoverse        vehicle_calibration_info.json
-// `paths` is a file, several files with commas between them, or a folder, of
-// which the calibrations there and one level below are read. Throws Error,
-// naming file, line and remedy, if a file is malformed and if there is no
-// camera.
+// `paths` is a file, several files separated by commas, or a folder, whose
+// calibrations are read together with those one level below. Throws Error,
+// naming file, line and remedy, if a file is malformed or there is no camera.
 std::vector<CalibratedCamera> ReadCalibration(const std::string& paths);
 
-// One file of a calibration, and how its readers know it. All readers throw
-// Error, naming file, line and remedy, for malformed values.
+// The formats of calibration files: a test and a reader for each. All readers
+// throw Error, naming file, line and remedy, for malformed values.
 
 // Kalibr: a map cam0, cam1, ... with camera_model, intrinsics,
 // distortion_model, distortion_coeffs and T_cn_cnm1 (from the camera before) or
@@ -93,8 +92,8 @@ bool IsKitti(const std::string& text);
 std::vector<CalibratedCamera> ReadKitti(const std::string& text,
                                         const std::filesystem::path& path);
 
-// KITTI-360: the pose of a camera by calib_cam_to_pose.txt beside the
-// calibration of its lens; nullopt if there is none.
+// KITTI-360: the pose of a camera from calib_cam_to_pose.txt beside the
+// calibration of its lens; nullopt without this file.
 std::optional<Rigid3> CamFromVehicleOfKitti360(
     const std::filesystem::path& path, const std::string& name);
 

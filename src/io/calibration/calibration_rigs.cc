@@ -19,10 +19,10 @@
 namespace mgsfm {
 namespace {
 
-// Cameras with a common trigger agree within it.
+// Cameras with a common trigger agree within this difference.
 constexpr double kMaxTriggerDifference_s = 1e-3;
 
-// The start of image names that may be those of a camera.
+// The start of image names that may belong to a camera.
 struct Prefix {
   std::string outer;  // folders before it, "seq1/"
   std::string name;   // "cam0"
@@ -123,7 +123,7 @@ class CameraMatcher {
   }
 
  private:
-  // Skips cameras and images that are already matched.
+  // Skips matched cameras and images.
   template <class Predicate>
   void MatchWith(const Predicate& fits) {
     std::vector<std::pair<int, const Prefix*>> found;
@@ -163,8 +163,8 @@ class CameraMatcher {
   std::vector<std::vector<const Prefix*>> prefixes_of_camera_;
 };
 
-// The intrinsics for images of another size; the aspect ratio must be that of
-// the calibration, up to the rounding of one pixel.
+// The intrinsics scaled to images of another size. The aspect ratio must equal
+// that of the calibration, up to the rounding of one pixel.
 std::vector<double> ScaledParams(const CalibratedCamera& camera,
                                  const Camera& of_images) {
   std::vector<double> params = camera.params;
@@ -204,7 +204,7 @@ RigConfigCamera MakeConfig(const RigInput& input,
   return config;
 }
 
-// A rig for each outer folder.
+// Makes a rig for each outer folder.
 std::vector<RigConfig> MakeRigs(const RigInput& input,
                                 const std::vector<CalibratedCamera>& cameras,
                                 const CameraMatcher& matcher) {
@@ -234,7 +234,8 @@ std::vector<RigConfig> MakeRigs(const RigInput& input,
   return configs;
 }
 
-// Images that were not taken at the times of their names or stamps.
+// Warns of images that were not taken at the times of their names or time
+// stamps.
 void WarnOfTimeShifts(const std::vector<CalibratedCamera>& cameras,
                       const CameraMatcher& matcher, const Context& context) {
   const CalibratedCamera* first = nullptr;

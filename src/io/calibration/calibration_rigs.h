@@ -10,14 +10,14 @@
 
 namespace mgsfm {
 
-// The rigs of images that a calibration describes; see calibration.h for the
-// formats and COLMAP's rig_config.json, which is taken as it is.
+// The rigs of the images according to a calibration in one of the formats of
+// calibration.h, or in COLMAP's rig_config.json, which is used unchanged.
 //
 // A camera is matched with the folder of its images, at any level, by the first
 // of these that fits: the last part of its topic, its name, both ignoring case,
 // or the number at the end of its name (cam0, image_00). Names of files may
 // start with the name of the camera, too (left_0001.png). Each outer folder
-// (seq1/cam0, seq2/cam0) gets a rig of its own with the same poses. The first
+// (seq1/cam0, seq2/cam0) gets a separate rig with the same poses. The first
 // matched camera of the calibration is the reference.
 //
 // Intrinsics are scaled to images of another size with the same aspect ratio.

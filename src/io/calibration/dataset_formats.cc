@@ -133,7 +133,7 @@ CalibratedCamera ReadProjection(const Line& line, int number) {
   return camera;
 }
 
-// KITTI-360: the pose of the camera before it was turned by R_rect.
+// KITTI-360: the pose of the camera before rectification by R_rect.
 void SetPoseInVehicle(const Line& vehicle_from_cam, const Line& rectification,
                       CalibratedCamera* camera) {
   const auto cam = Numbers(vehicle_from_cam, 12);
@@ -162,7 +162,8 @@ bool IsProjection(const Line& line) {
     const auto number = ParseDouble(word);
     if (number) n.push_back(*number);
   }
-  // A pose, which also has 12 numbers, has no entry as large as a focal length.
+  // Unlike a projection matrix, a pose, which also has 12 numbers, has no entry
+  // as large as a focal length.
   return n.size() == 12 && line.words.size() == 12 && n[0] > 10.0 &&
          n[4] == 0.0 && n[8] == 0.0 && n[9] == 0.0 && n[10] == 1.0;
 }
@@ -240,7 +241,7 @@ Rigid3 PoseOf(const YamlValue& rotation, const YamlValue& translation) {
   return pose;
 }
 
-// Names of sensors by their token.
+// Sensor names by token.
 std::map<std::string, std::string> ReadChannels(
     const std::filesystem::path& path) {
   std::map<std::string, std::string> channels;

@@ -16,7 +16,7 @@ bool IsOneOf(const std::string& name, const std::vector<std::string>& names) {
   return std::find(names.begin(), names.end(), name) != names.end();
 }
 
-// The number of coefficients without zeros at the end.
+// The number of coefficients without trailing zeros.
 size_t NumUsed(const std::vector<double>& coefficients) {
   size_t size = coefficients.size();
   while (size > 0 && coefficients[size - 1] == 0.0) --size;
@@ -73,7 +73,7 @@ void SetModel(CameraModelId model, size_t num_coefficients,
 
 void SetLens(const PinholeLens& lens, CalibratedCamera* camera) {
   const std::string& name = lens.distortion_model;
-  // COLMAP's pixels have their origin at the corner of the first one.
+  // COLMAP's pixel coordinates start at the corner of the first pixel.
   camera->params = {lens.fx, lens.fy, lens.cx + 0.5, lens.cy + 0.5};
   if (!(lens.fx > 0.0 && lens.fy > 0.0)) {
     camera->why_no_model =
@@ -133,10 +133,10 @@ using Eigen::Vector2d;
 
 // Half a pixel is less than the error of keypoints.
 constexpr double kMaxFitError_px = 0.5;
-// Beyond it, lenses show their own mount.
+// At larger angles, lenses show their own mount.
 constexpr double kMaxViewAngle_deg = 110.0;
-// Directions of the fit, less than two degrees apart from the axis outwards.
-// The lens is smooth, and the fit has at most six unknowns.
+// Number of directions of the fit, less than two degrees apart in angle to the
+// axis. The lens is smooth, and the fit has at most six unknowns.
 constexpr int kNumAngles = 60;
 constexpr int kNumAzimuths = 24;
 constexpr int kNumRadial = 4;
@@ -159,7 +159,8 @@ Vector2d Distort(const UnifiedLens& lens, const Vector2d& m) {
                   p1 * (r2 + 2.0 * m.y() * m.y()) + 2.0 * p2 * xy);
 }
 
-// The largest angle that the image shows and that the lens maps uniquely.
+// The largest angle that is visible in the image and that the lens maps
+// uniquely.
 double MaxAngle(const UnifiedLens& lens, const Vector2d& corner_px) {
   const double step_rad = DegToRad(0.5);
   double angle_rad = step_rad, radius = 0.0;

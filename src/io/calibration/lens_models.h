@@ -10,7 +10,7 @@
 namespace mgsfm {
 
 // A pinhole camera with lens distortion in the conventions of OpenCV and
-// Kalibr: pixels are counted from the center of the first one.
+// Kalibr: the center of the first pixel is (0, 0).
 struct PinholeLens {
   double fx = 0.0;
   double fy = 0.0;
@@ -27,8 +27,8 @@ struct PinholeLens {
 //   fov                      FOV
 void SetLens(const PinholeLens& lens, CalibratedCamera* camera);
 
-// The same for a camera matrix K, row by row, with its left columns in rows of
-// `num_columns` numbers.
+// The same for a camera matrix K in row-major order, whose rows have
+// `num_columns` numbers, K first.
 void SetMatrixAndLens(const std::vector<double>& K, int num_columns,
                       PinholeLens lens, CalibratedCamera* camera);
 
@@ -53,8 +53,8 @@ struct UnifiedLens {
 // camera->size_px must be set before if it is known.
 void SetUnifiedLens(const UnifiedLens& lens, CalibratedCamera* camera);
 
-// Sets why_no_model for a wrong number of coefficients; `expected` follows
-// "give ".
+// Sets why_no_model for a wrong number of coefficients; `expected` is appended
+// to "give ".
 void SetWrongCount(size_t num_coefficients, const std::string& expected,
                    CalibratedCamera* camera);
 

@@ -19,7 +19,7 @@ std::vector<double> Values(const YamlValue& map,
   return values;
 }
 
-// Names of a camera whose file may name it.
+// The names of a camera, which the file may contain.
 std::vector<std::string> NamesOf(const YamlValue& file,
                                  const std::filesystem::path& path) {
   std::vector<std::string> names;
@@ -137,8 +137,8 @@ bool IsKalibr(const YamlValue& file) {
 
 namespace {
 
-// The pose by T_cam_imu relative to that by T_cn_cnm1. Kalibr writes both from
-// one estimate.
+// Checks that the poses from T_cam_imu and T_cn_cnm1 agree. Kalibr writes both
+// from one estimate.
 void CheckPosesAgree(const YamlValue& value, const Rigid3& by_imu,
                      const Rigid3& by_chain) {
   const std::optional<std::string> difference = WhyDifferent(by_imu, by_chain);
@@ -151,8 +151,8 @@ void CheckPosesAgree(const YamlValue& value, const Rigid3& by_imu,
 // nullopt where the chain of T_cn_cnm1 is broken.
 using Poses = std::vector<std::optional<Rigid3>>;
 
-// The base is the first camera; without a whole chain of T_cn_cnm1, it is the
-// inertial sensor if all cameras have T_cam_imu.
+// The base is the first camera; if the chain of T_cn_cnm1 is incomplete, it is
+// the inertial sensor, provided that all cameras have T_cam_imu.
 Poses ReadPoses(const std::vector<YamlValue>& values) {
   Poses by_chain, by_imu;
   bool has_imu = true;
@@ -238,7 +238,7 @@ std::string DistortionModel(const YamlValue& file) {
   return is_fisheye && is_fisheye->Number() != 0.0 ? "fisheye" : "plumb_bob";
 }
 
-// The rectified camera is turned by R, and its projection matrix K [I | t] is
+// The rectified camera is rotated by R, and its projection matrix K [I | t] is
 // relative to the rectified left camera.
 std::optional<Rigid3> CamFromLeft(const YamlValue& file) {
   const auto rectification = file.FindAny(kRectification);

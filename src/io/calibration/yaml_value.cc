@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-// A matrix is a list of rows, and at most 4 x 4; lenses have fewer parameters.
+// A matrix is a list of rows and at most 4 x 4; lenses have fewer parameters.
 constexpr int kMaxDepth = 3;
 constexpr size_t kMaxNumNumbers = 64;
 

@@ -13,7 +13,8 @@
 namespace mgsfm {
 
 // A value of a YAML file, or of a JSON file, which is YAML, too. All functions
-// throw Error, naming file, line and key, unless the value is as asked for.
+// throw Error, naming file, line and key, unless the value has the requested
+// type.
 class YamlValue {
  public:
   // Parses a file with content `text`. Accepts the header %YAML:1.0 of OpenCV.
@@ -37,7 +38,7 @@ class YamlValue {
   std::optional<YamlValue> Find(const std::string& key) const;
   // The first of the keys that exists.
   std::optional<YamlValue> FindAny(const std::vector<std::string>& keys) const;
-  // The values of a map or sequence; those of a sequence have no key.
+  // The values of a map or sequence; values of a sequence have no key.
   std::vector<std::pair<std::string, YamlValue>> Items() const;
 
   std::string Text() const;

@@ -41,7 +41,7 @@ void CleanDatabase(const std::string& path, CleanedRows rows) {
   }
   std::string sql = "BEGIN IMMEDIATE;";
   for (const CleanedTable& table : kTables) {
-    // Enumerators go from all rows to few.
+    // Enumerators are ordered from all rows to few.
     if (table.rows < rows || !database.HasTable(table.name)) continue;
     sql += std::string("DELETE FROM ") + table.name + ";";
   }

@@ -23,7 +23,7 @@ struct EnumTable<CleanedRows> {
 // Deletes rows of a database in one transaction, and whatever refers to them:
 // matches with two-view geometries; features with matches; images with
 // features, frames and priors; all with rigs and cameras. Throws Error if the
-// file is no COLMAP database or in use.
+// file is not a COLMAP database or is in use.
 void CleanDatabase(const std::string& path, CleanedRows rows);
 
 }  // namespace mgsfm

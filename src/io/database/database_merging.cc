@@ -63,12 +63,11 @@ bool AreEqual(const PosePriorRow& a, const PosePriorRow& b) {
 
 // ------------------------------------------------------------------- pairs
 
-// Copies matches and two-view geometries. They replace those of the result or,
-// if `must_agree`, must be equal to them.
+// Copies matches and two-view geometries. They replace rows of the result or,
+// if `must_agree`, must equal them.
 class PairCopier {
  public:
-  // The new id of an image; nullopt for rows left behind by one that was
-  // deleted.
+  // The new id of an image; nullopt for rows of a deleted image.
   using FindImage = std::function<std::optional<ImageId>(int64_t)>;
 
   PairCopier(FeatureDatabase* output, const Context& context)
@@ -137,7 +136,8 @@ void PairCopier::CopyTwoViewGeometries(const SqliteDatabase& database,
     if (!new_id1 || !new_id2) continue;
     TwoViewGeometryRow pair{*new_id1, *new_id2};
     DecodeTwoViewGeometry(row, database.path(), NameOf(id1, id2), &pair);
-    // Ordered as the output stores it: swapping twice changes the last bits.
+    // Keeps the order of the output, because swapping twice changes the last
+    // bits.
     if (pair.image_id2 < pair.image_id1) SwapImages(&pair);
     const auto present =
         must_agree ? output_.ReadTwoViewGeometry(pair.image_id1, pair.image_id2)
@@ -202,7 +202,7 @@ class DatabaseCopier {
   void CopyKeypoints();
   void CopyDescriptors();
   void CopyPriors();
-  // nullptr for rows left behind by an image that was deleted.
+  // nullptr for rows of a deleted image.
   const ImageRow* Find(int64_t id) const {
     const auto found = positions_->find(id);
     return found == positions_->end() ? nullptr
@@ -314,7 +314,7 @@ std::vector<Input> ReadManifests(const std::vector<MergeInput>& given) {
   return inputs;
 }
 
-// Throws Error unless all shards of each run are there and complete.
+// Throws Error unless all shards of each run exist and are complete.
 void CheckShards(const std::vector<Input>& inputs) {
   using Run = std::tuple<ShardKind, std::string, int, std::string>;
   std::map<Run, std::map<int, std::string>> paths_of_run;
@@ -344,7 +344,7 @@ void CheckShards(const std::vector<Input>& inputs) {
   }
 }
 
-// Removes a file that was not finished.
+// Removes an unfinished file.
 class PartialFile {
  public:
   explicit PartialFile(const std::string& target) {
@@ -394,7 +394,7 @@ DatabaseMergeSummary MergeFeatures(const std::vector<Input>& inputs,
   return copier.Summary();
 }
 
-// The one input that is no shard with matches.
+// The only input that is not a shard with matches.
 const Input& FindMatched(const std::vector<Input>& inputs) {
   const Input* matched = nullptr;
   for (const Input& input : inputs) {

@@ -21,23 +21,23 @@ struct DatabaseMergeSummary {
 };
 
 // Writes a new database with all rows of the inputs: cameras, images, features,
-// matches, two-view geometries, rigs, frames and position priors. The result is
-// a function of the set of inputs: their order, and one that is named twice, do
-// not matter.
+// matches, two-view geometries, rigs, frames and position priors. The result
+// depends only on the set of inputs, not on their order or on duplicates.
 //
-// Databases and shards with features: ids are numbered anew, images by name and
-// everything else by its first image (merged_structure.h), as feature_extractor
-// numbers them. Images of the same name are one; their rows must be equal.
+// Databases and shards with features: ids are renumbered as by
+// feature_extractor: images by name, everything else by its first image
+// (merged_structure.h). Images of the same name are one; their rows must be
+// equal.
 //
-// Shards with matches need exactly one other input, the database that they were
-// matched from, whose ids stay as they are.
+// Shards with matches need exactly one other input: the database from which
+// they were matched, whose ids do not change.
 //
 // Rows are copied one by one: memory grows with the number of images, not with
 // features and matches. The inputs are only read.
 //
 // Throws Error, naming the image or pair, if inputs contradict each other; if a
 // shard is unfinished, of another run or missing; if the output exists; and for
-// damaged rows. Then there is no output.
+// damaged rows. There is then no output.
 DatabaseMergeSummary MergeDatabases(const std::vector<MergeInput>& inputs,
                                     const std::string& merged_path,
                                     const Context& context);

@@ -78,7 +78,7 @@ void KeepListedImages(const std::set<std::string>& names,
 
 namespace {
 
-// The database that is read, and the run that reads it.
+// The database and the run that reads it.
 struct Source {
   const SqliteDatabase& database;
   const Context& context;
@@ -101,7 +101,7 @@ struct ImageTable {
   bool IsLeftOut(int64_t id) const {
     return std::binary_search(left_out_ids.begin(), left_out_ids.end(), id);
   }
-  // nullptr if there is no such image.
+  // nullptr if the image does not exist.
   const ImageRow* Find(int64_t id) const {
     const auto it = positions.find(id);
     return it == positions.end() ? nullptr : &rows[it->second];
@@ -238,7 +238,7 @@ void ReadKeypoints(const Source& source, ImageTable* images) {
   SqliteStatement row = source.database.Prepare(
       "SELECT image_id, rows, cols, data FROM keypoints ORDER BY image_id");
   while (source.Next(&row)) {
-    // Rows left behind by an image that was deleted are harmless.
+    // Rows of a deleted image are harmless.
     const auto position = images->positions.find(row.Int(0));
     if (position == images->positions.end()) continue;
     ImageRow& image = images->rows[position->second];
@@ -279,7 +279,7 @@ std::string PairName(const ImageTable& images, int64_t id1, int64_t id2) {
   return "the pair of images " + name_of(id1) + " and " + name_of(id2);
 }
 
-// nullopt for pairs that are not selected.
+// nullopt for unselected pairs.
 std::optional<TwoViewGeometryRow> DecodePair(const Source& source,
                                              const DatabaseSelection& selection,
                                              const ImageTable& images,

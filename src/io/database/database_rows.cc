@@ -121,8 +121,7 @@ namespace {
 
 using RowMajorMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-// Blobs hold numbers in the byte order of little-endian machines, which all
-// supported ones are.
+// Blobs hold little-endian numbers, like all supported machines.
 template <class T, int kSize>
 std::optional<std::array<T, kSize>> Decode(const BlobView& blob) {
   std::array<T, kSize> values;
@@ -194,7 +193,7 @@ PosePriorRow DecodePosePrior(const SqliteStatement& row) {
   const auto covariance = Decode<double, 9>(row.Blob(2));
   prior.position.setConstant(std::numeric_limits<double>::quiet_NaN());
   if (position) prior.position = Eigen::Vector3d::Map(position->data());
-  // COLMAP writes one that is not finite for none.
+  // COLMAP writes values that are not finite if there is no covariance.
   if (covariance && AllFinite(covariance->data(), covariance->size())) {
     prior.covariance = Eigen::Map<const RowMajorMatrix>(covariance->data());
   }

@@ -13,10 +13,11 @@
 
 namespace mgsfm {
 
-// The tables of a shard. `mgsfm_shard_cameras` has the cameras that images of
-// other shares define: the name of the first image of each.
+// The tables of a shard. `mgsfm_shard_cameras` lists the cameras whose
+// intrinsics come from images of other shards, with the name of the first image
+// of each.
 
-// nullopt if the database is no shard. Throws Error if the row is damaged.
+// nullopt if the database is not a shard. Throws Error if the row is damaged.
 std::optional<ShardManifest> ReadShardManifest(const SqliteDatabase& database);
 void WriteShardManifest(const ShardManifest& manifest,
                         SqliteDatabase* database);
@@ -25,13 +26,13 @@ std::map<CameraId, std::string> ReadShardCameras(
 void WriteShardCamera(CameraId camera_id, const std::string& image_name,
                       SqliteDatabase* database);
 
-// Makes a new database a shard, or checks that an existing one is that shard.
-// Throws Error if it is another, or holds anything else. Returns whether it is
-// complete.
+// Makes a new database a shard, or checks that an existing database is this
+// shard. Throws Error if it is another shard, or holds anything else. Returns
+// whether it is complete.
 bool BeginShard(const ShardManifest& manifest, FeatureDatabase* database);
 
-// Ids and names of images, cameras, rigs, frames and numbers of keypoints: what
-// matches refer to.
+// A hash of everything that matches refer to: ids and names of images, cameras,
+// rigs, frames, and numbers of keypoints.
 std::string FingerprintOfStructure(const FeatureDatabase& database,
                                    const Context& context);
 

@@ -50,7 +50,7 @@ void WritePairs(const DatabaseContents& contents, SqliteDatabase* database) {
 void WriteAll(const std::string& path, const DatabaseContents& contents,
               DatabaseSchema schema) {
   SqliteDatabase database = SqliteDatabase::Create(path);
-  // A file that a crash leaves half written is of no use, so no care is taken.
+  // A file left half-written by a crash is useless, so sync is unnecessary.
   database.Execute("PRAGMA synchronous = OFF");
   database.Execute("BEGIN");
   const bool has_rigs = schema == DatabaseSchema::k312;
@@ -63,8 +63,8 @@ void WriteAll(const std::string& path, const DatabaseContents& contents,
   database.Execute("COMMIT");
 }
 
-// The id of the camera that stands for each sensor in the rig tables: that of
-// its intrinsics or, where another sensor has taken it, of a copy.
+// The id of the camera that represents each sensor in the rig tables: the
+// camera with its intrinsics or, if another sensor has taken it, a copy.
 std::vector<CameraId> CamerasOfSensors(const Scene& scene,
                                        std::vector<Camera>* cameras) {
   uint32_t max_id = 0;

@@ -124,11 +124,11 @@ class CameraMerger {
                MergedStructure* merged)
       : inputs_(inputs), merged_(*merged), camera_ids_(inputs.size()) {}
 
-  // Adds the cameras and those of all images; returns the new ids by input.
+  // Adds the cameras of all inputs and images; returns the new ids by input.
   CameraIds Merge();
 
  private:
-  // A camera of one input, and what is known of it.
+  // A camera of one input and its known properties.
   struct CameraNode {
     size_t input = 0;
     const Camera* camera = nullptr;
@@ -221,7 +221,7 @@ void CameraMerger::JoinNodes(size_t input,
   }
   if (in.vehicle.empty()) return;
   for (const auto& [folder, nodes] : nodes_of_folder) {
-    // A folder with several cameras does not identify one.
+    // A folder with several cameras does not identify a camera.
     if (nodes.size() == 1) {
       Join(*nodes.begin(), "vehicle " + in.vehicle + '\n' + folder);
     }

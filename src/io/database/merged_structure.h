@@ -27,7 +27,7 @@ struct MergedStructure {
   std::vector<ImageRow> images;
   std::vector<RigRow> rigs;
   std::vector<FrameRow> frames;
-  // Per input: from an id there to the position in `images`.
+  // Per input: maps an id of the input to a position in `images`.
   std::vector<std::unordered_map<int64_t, size_t>> image_positions;
   bool has_common_images = false;
 };

@@ -196,8 +196,8 @@ void SqliteDatabase::LimitWork(uint64_t file_size) {
   };
   sqlite3_progress_handler(db_.get(), kStepsPerCall, count,
                            num_steps_left_.get());
-  // A value cannot be longer than its file. The lower bound exceeds the text of
-  // any statement; the upper one is the default of SQLite.
+  // A value cannot be longer than its file. The lower limit exceeds the text of
+  // any statement; the upper limit is the default of SQLite.
   constexpr uint64_t kMinLength = 1'000'000, kMaxLength = 1'000'000'000;
   sqlite3_limit(
       db_.get(), SQLITE_LIMIT_LENGTH,
@@ -385,7 +385,7 @@ std::vector<SqliteSnapshot::FileState> SqliteSnapshot::States() const {
   std::vector<FileState> states = {StateOf(path_)};
   for (const char* suffix : kSideFileSuffixes) {
     FileState state = StateOf(path_ + suffix);
-    // An empty side file is as good as none.
+    // An empty side file counts as absent.
     states.push_back(state.size > 0 ? state : FileState());
   }
   return states;
@@ -393,7 +393,7 @@ std::vector<SqliteSnapshot::FileState> SqliteSnapshot::States() const {
 
 SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
   CheckIsDatabase(path);
-  // SQLite looks for side files beside the file that a link leads to.
+  // SQLite looks for side files beside the target of a link.
   path_ = fs::canonical(path).string();
   states_ = States();
   std::vector<std::string> side_files;
@@ -421,14 +421,14 @@ void SqliteSnapshot::OpenCopy(const std::vector<std::string>& side_files) {
   for (const std::string& suffix : side_files) {
     if (!error) fs::copy_file(path_ + suffix, copy + suffix, error);
   }
-  // A file that vanishes shows that another program has just written.
+  // A vanished file shows that another program has just written.
   if (error == std::errc::no_such_file_or_directory) ThrowChanged();
   if (error) {
     ThrowDatabaseError(path_, "cannot be copied to '" + folder_->path() +
                                   "' (" + error.message() +
                                   "): set TMPDIR to a folder with more space");
   }
-  // The copy takes over the permissions, and SQLite must write to it.
+  // The copy has the permissions of the original, but SQLite must write to it.
   for (const auto& entry : fs::directory_iterator(folder_->path())) {
     fs::permissions(entry.path(),
                     fs::perms::owner_read | fs::perms::owner_write);

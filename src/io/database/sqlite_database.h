@@ -39,7 +39,7 @@ BlobView BlobOf(const std::vector<T>& values) {
 // A prepared statement. Parameters count from 1, columns from 0, as in SQLite.
 class SqliteStatement {
  public:
-  // Throws Error when all values that were read have more than `max_bytes`.
+  // Throws Error if the values read have more than `max_bytes` in total.
   SqliteStatement(sqlite3* db, const std::string& path, const std::string& sql,
                   uint64_t max_bytes);
 
@@ -116,9 +116,9 @@ class SqliteDatabase {
   // `may_create`.
   static SqliteDatabase OpenOrCreate(const std::string& path, bool may_create);
 
-  // From now on, a statement that does more work or reads more bytes than a
-  // sound file of this size can cause throws Error. Trees of pages with cycles
-  // and computed values would otherwise take any time and memory.
+  // From now on, a statement throws Error if it does more work or reads more
+  // bytes than an intact file of this size can cause. Otherwise, cyclic page
+  // trees and computed values could take unlimited time and memory.
   void LimitWork(uint64_t file_size);
 
   void Execute(const std::string& sql);
@@ -131,7 +131,8 @@ class SqliteDatabase {
     return statement;
   }
   // Throws Error if the name is that of a view or of a table whose rows are
-  // computed: COLMAP has none, and reading them would run foreign code.
+  // computed: COLMAP has no such tables, and reading them would run foreign
+  // code.
   bool HasTable(const std::string& table) const;
   std::set<std::string> Columns(const std::string& table) const;
   const std::string& path() const { return path_; }
@@ -147,7 +148,7 @@ class SqliteDatabase {
   std::string path_;
   uint64_t max_bytes_ = std::numeric_limits<uint64_t>::max();
   int64_t max_steps_ = std::numeric_limits<int64_t>::max();
-  // Steps that the present statement may still take; SQLite calls back with
+  // Steps that the current statement may still take; SQLite calls back with
   // this address.
   std::unique_ptr<int64_t> num_steps_left_;
   std::unique_ptr<sqlite3, Closer> db_;
@@ -173,17 +174,18 @@ class TemporaryFolder {
 // A database file, open for reading in such a way that neither it nor the
 // files beside it change.
 //
-// SQLite's own read-only mode does not do: for a database in write-ahead mode,
-// COLMAP's, it makes `-wal` and `-shm` files, or fails where it cannot. So the
-// file is opened as immutable, which ignores these files; and if one of them
-// holds changes, the file and they are copied and the copy is opened normally.
+// SQLite's read-only mode does not suffice: for a database in write-ahead mode,
+// as COLMAP uses, it creates `-wal` and `-shm` files or fails. The file is
+// therefore opened as immutable, which ignores these files. If one of them
+// holds changes, the file and these files are copied, and the copy is opened
+// normally.
 class SqliteSnapshot {
  public:
   explicit SqliteSnapshot(const std::string& path);
 
   const SqliteDatabase& database() const { return *database_; }
-  // Throws Error if a file was written since the constructor began: what was
-  // read may then be a mixture of old and new.
+  // Throws Error if a file was written since the constructor began: the data
+  // may then be a mixture of old and new.
   void CheckUnchanged() const;
 
  private:

@@ -7,22 +7,22 @@
 
 namespace mgsfm {
 
-// Exiv2 is not thread-safe; every use of it holds this lock.
+// Exiv2 is not thread-safe; every use holds this lock.
 std::mutex& Exiv2Mutex();
 
-// The EXIF tags of an image file that remain true for parts and views of the
-// image: GPS position and time of exposure. Focal length and orientation do
-// not. Thread-safe.
+// The EXIF tags of an image file that also hold for parts and views of the
+// image: GPS position and time of exposure, but not focal length and
+// orientation. Thread-safe.
 class ExifGpsTime {
  public:
-  // Takes the content of the file. No tags if it has none, or damaged ones.
+  // Takes the content of the file. Missing or damaged tags are treated as none.
   explicit ExifGpsTime(const std::string& file);
   ~ExifGpsTime();
   ExifGpsTime(const ExifGpsTime&) = delete;
   ExifGpsTime& operator=(const ExifGpsTime&) = delete;
 
   // The content of another image file with these tags. Formats without tags,
-  // such as BMP, stay as they are.
+  // such as BMP, are unchanged.
   std::string AddTo(const std::string& file) const;
 
  private:
@@ -30,8 +30,8 @@ class ExifGpsTime {
   std::unique_ptr<Tags> tags_;
 };
 
-// An image file whose pixels are shown as they are stored: without the tag by
-// which viewers would turn them. Thread-safe.
+// An image file whose pixels are shown as stored: without the tag that makes
+// viewers rotate them. Thread-safe.
 std::string WithoutOrientation(const std::string& file);
 
 }  // namespace mgsfm

@@ -43,7 +43,7 @@ namespace fs = std::filesystem;
 
 std::string Quoted(const fs::path& path) { return "'" + path.string() + "'"; }
 
-// Some file systems cannot sync a folder and say so with these.
+// Some file systems cannot sync a folder and return these errors.
 bool IsSyncUnsupported(int reason) {
   return reason == EINVAL || reason == ENOTSUP || reason == EROFS ||
          reason == EBADF;
@@ -130,7 +130,7 @@ void ReplaceOneOfMany(const fs::path& path, const std::string& content) {
     return WriteFile(path, content);
   }
   const fs::path target = CanonicalPath(path);  // a link is not replaced
-  // The same name in every run, so that a killed one leaves no more than one.
+  // The name is the same in every run, so killed runs leave at most one draft.
   const fs::path draft = target.parent_path() /
                          ("." + target.filename().string() + ".mgsfm-draft");
   FileOperations operations;

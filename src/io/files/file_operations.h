@@ -6,7 +6,7 @@
 
 namespace mgsfm {
 
-// Writes a file, replacing one of that name. Throws Error, naming the file and
+// Writes a file, replacing an existing one. Throws Error, naming the file and
 // the reason, if it cannot be written completely.
 void WriteFile(const std::filesystem::path& path, const std::string& content);
 
@@ -14,43 +14,43 @@ void WriteFile(const std::filesystem::path& path, const std::string& content);
 // errno.
 [[noreturn]] void ThrowWriteError(const std::filesystem::path& path);
 
-// The calls by which a finished output takes the place of an earlier one. All
-// of them go through this interface, so that a test can make each one fail or
-// be the last. Every call throws Error with the path and the reason.
+// The file operations by which a finished output replaces an earlier one. They
+// go through this interface, so that a test can make each of them fail or be
+// the last. Every operation throws Error with the path and the reason.
 class FileOperations {
  public:
   virtual ~FileOperations() = default;
 
   virtual void Rename(const std::filesystem::path& from,
                       const std::filesystem::path& to);
-  // Swaps two entries atomically (renameat2, Linux). Returns false, having done
-  // nothing, where the system or the file system cannot.
+  // Swaps two entries atomically (renameat2, Linux). Returns false, without
+  // changes, if the system or the file system does not support it.
   virtual bool Exchange(const std::filesystem::path& a,
                         const std::filesystem::path& b);
   // Makes another name of a file (a hard link).
   virtual void Link(const std::filesystem::path& from,
                     const std::filesystem::path& to);
-  // Removes a file, a link or an empty folder; missing ones are ignored.
+  // Removes a file, a link or an empty folder; ignores missing entries.
   virtual void Remove(const std::filesystem::path& path);
-  // Makes a folder; one that exists is left as it is.
+  // Makes a folder; an existing folder is unchanged.
   virtual void MakeFolder(const std::filesystem::path& path);
   // Waits until a file, or the entries of a folder, are on the disk (fsync).
   virtual void Sync(const std::filesystem::path& path);
 };
 
-// Whether it is a folder, and not a link to one.
+// Whether the path is a folder, and not a link to one.
 bool IsFolder(const std::filesystem::path& path);
 
 // The absolute path, of the target if it is a link, without a final slash.
 std::filesystem::path CanonicalPath(const std::filesystem::path& path);
 
-// Writes a file. An earlier one stays as it is until the new one is complete,
-// unless it is no regular file, such as a pipe. Throws Error on failure.
+// Writes a file. An earlier file remains until the new one is complete, unless
+// it is not a regular file, such as a pipe. Throws Error on failure.
 void ReplaceFile(const std::filesystem::path& path, const std::string& content);
 
-// The same for one of many files, each of which a later run can write again.
-// The content is on the disk before the file gets its name, as a later run
-// takes it for complete; names wait for the caller to sync the folders.
+// The same for one of many files that a later run can write again. The content
+// is on disk before the file gets its name, because a later run assumes that
+// the file is complete; the caller syncs the folders.
 void ReplaceOneOfMany(const std::filesystem::path& path,
                       const std::string& content);
 

@@ -21,7 +21,7 @@ namespace {
 
 constexpr const char* kCopyAgain = "; copy it again from its source";
 
-// Bytes of a file. Numbers beyond its end are 0.
+// The bytes of a file. Bytes beyond its end are 0.
 class Bytes {
  public:
   explicit Bytes(std::string_view file) : file_(file) {}
@@ -194,10 +194,10 @@ std::optional<ImageSize> ReadSize(const Bytes& file) {
 
 // ------------------------------------------------------ messages of decoders
 
-// Receives the messages of this thread to stderr while it decodes.
+// Receives the stderr messages of this thread while it decodes.
 thread_local std::string* decoder_messages = nullptr;
 
-// Returns false if this thread decodes no image.
+// Returns false if this thread is not decoding an image.
 bool KeepMessage(const char* text, size_t size) {
   constexpr size_t kMaxSize = 200;  // reserved below
   if (decoder_messages == nullptr) return false;
@@ -206,15 +206,15 @@ bool KeepMessage(const char* text, size_t size) {
   return true;
 }
 
-// Called by the C library for what is printed to stderr.
+// Called by the C library for output to stderr.
 ssize_t WriteMessage(void* terminal, const char* text, size_t size) {
   if (KeepMessage(text, size)) return static_cast<ssize_t>(size);
   return static_cast<ssize_t>(
       std::fwrite(text, 1, size, static_cast<std::FILE*>(terminal)));
 }
 
-// The same for C++; some decoders of OpenCV print their exceptions. Without a
-// buffer, so that threads do not disturb each other.
+// The same for std::cerr, because some decoders of OpenCV print their
+// exceptions. Unbuffered, so that threads do not disturb each other.
 class ErrorStream : public std::streambuf {
  public:
   explicit ErrorStream(std::streambuf* terminal) : terminal_(terminal) {}
@@ -257,7 +257,7 @@ class MessageCapture {
   std::string messages_;
 };
 
-// PNG and TIFF are the formats of 16 bits that cameras write.
+// PNG and TIFF are the 16-bit formats that cameras write.
 bool MayHaveSixteenBits(const Bytes& file) {
   return IsPng(file) ? file[24] == 16 : file.Has(0, "II") || file.Has(0, "MM");
 }
@@ -286,7 +286,7 @@ std::optional<size_t> FindTiffOrientation(const Bytes& file) {
 }
 
 cv::Mat Decode(const std::string& file, int imread_flags) {
-  // The decoder of TIFF turns images, whatever the flags say.
+  // The TIFF decoder rotates images, whatever the flags are.
   const auto orientation = FindTiffOrientation(Bytes(file));
   const bool ignores = (imread_flags & cv::IMREAD_IGNORE_ORIENTATION) != 0;
   constexpr char kAsStored = 1;
@@ -381,7 +381,7 @@ void RethrowLackOfMemory(const cv::Exception& exception) {
 namespace {
 
 // Sets up the codecs of OpenCV in the calling thread. GDAL, one of them, ends
-// the process if it lacks memory there, so that memory is tested first.
+// the process if memory runs out there, so memory is tested first.
 void SetUpCodecs() {
   RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
   std::string image = "P5 1 1 255\n0";

@@ -12,8 +12,8 @@
 namespace mgsfm {
 
 // The formats that are read: JPEG, PNG, TIFF, BMP, WebP and the portable
-// formats P1 to P6 (PBM, PGM, PPM). OpenCV knows more, but some of their files
-// can name other files, or state their size only after they are decoded.
+// formats P1 to P6 (PBM, PGM, PPM). OpenCV supports more formats, but some can
+// refer to other files, or reveal their size only after decoding.
 
 // Width and height of the image that the decoder would allocate.
 struct ImageSize {
@@ -21,42 +21,42 @@ struct ImageSize {
   int64_t height = 0;
 };
 
-// The size that the header of an image file states; nullopt for other formats
-// and damaged headers. Reads no pixel.
+// The size in the header of an image file; nullopt for other formats and
+// damaged headers. Decodes no pixels.
 std::optional<ImageSize> ReadImageSize(const std::string& file);
 
-// The memory that decoding takes is proportional to the number of pixels, not
-// to the size of the file, so it is limited. The largest cameras have 450
-// million pixels; 200 million take up to 1.6 GB.
+// The memory for decoding is proportional to the number of pixels, not to the
+// size of the file, so the number of pixels is limited. The largest cameras
+// have 450 million pixels; 200 million take up to 1.6 GB.
 constexpr int kDefaultMaxNumPixels = 200'000'000;
 
 struct DecodedImage {
   cv::Mat pixels;
   std::string warning;  // what the decoder says, in one line; empty if nothing
-  // Pixels of 8 bits are the upper halves of 16 bits, of which the file uses
-  // the lower 12 only, as the cameras of some machines do.
+  // Pixels of 8 bits are the upper halves of 16 bits. Some machine vision
+  // cameras use only the lower 12 bits.
   bool is_nearly_black = false;
 };
 
-// `imread_flags` are those of cv::imread. Throws Error; its message is to
-// follow the file name: "is truncated; ...".
+// `imread_flags` are those of cv::imread. Throws Error; its message continues
+// the file name: "is truncated; ...".
 DecodedImage DecodeImage(const std::string& file, int imread_flags,
                          int64_t max_num_pixels);
 
-// The same for what people see: 12 bits in files of 16 fill the 8 bits.
+// The same for display: 12 bits in 16-bit files are scaled to 8 bits.
 cv::Mat DecodeForDisplay(const std::string& file, int imread_flags);
 
-// Whether the name of an image, relative to the folder of images, stays in it.
-// Models come from others: their names must not select files elsewhere.
+// Whether the name of an image, relative to the image folder, stays inside this
+// folder. Names in models of others must not select files elsewhere.
 bool StaysInFolder(const std::string& name);
 
 // Throws std::bad_alloc if the exception reports a lack of memory, for which
 // OpenCV has a code.
 void RethrowLackOfMemory(const cv::Exception& exception);
 
-// During its lifetime, the libraries that decode images use one thread, and
-// what they print goes into DecodedImage::warning. Messages that others print
-// to stderr or std::cerr are passed on. One object at a time.
+// During the lifetime of this object, the libraries that decode images use one
+// thread, and their output goes to DecodedImage::warning. Other output to
+// stderr or std::cerr is passed on. One object at a time.
 class QuietImageLibraries {
  public:
   QuietImageLibraries();

@@ -6,8 +6,8 @@
 
 namespace mgsfm {
 
-// Throws Error, "`what` is not valid JSON: ...; `remedy`", or naming a key that
-// an object has twice, of which libraries keep the last one.
+// Throws Error, "`what` is not valid JSON: ...; `remedy`", also for duplicate
+// keys of an object, of which libraries keep the last.
 nlohmann::json ParseJson(const std::string& text, const std::string& what,
                          const std::string& remedy = "correct it");
 

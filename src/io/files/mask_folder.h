@@ -11,19 +11,20 @@
 
 namespace mgsfm {
 
-// Masks of images, as all commands find them: that of a/b.jpg is a/b.jpg.png in
-// the folder of masks.
+// The path of the mask of an image, for all commands: a/b.jpg.png in the mask
+// folder for a/b.jpg.
 std::filesystem::path MaskPathOf(const std::filesystem::path& mask_path,
                                  const std::string& image_name);
 
 // Throws Error if no image has a mask in the folder, and warns of images
-// without one, before any of them is used. `option` names the folder in
-// messages. An empty path is no folder.
+// without a mask, before any mask is used. `option` names the folder in
+// messages. An empty path means no folder.
 void CheckMasks(const std::filesystem::path& mask_path,
                 const std::vector<std::string>& image_names,
                 const std::string& option, const Context& context);
 
-// The PNG file of a mask that hides equal cells of an image, row by row.
+// The PNG file of a mask that hides some of the equal cells of an image, row by
+// row.
 struct HiddenCells {
   int num_rows = 0;
   int num_columns = 0;

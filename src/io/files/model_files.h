@@ -7,8 +7,8 @@
 
 namespace mgsfm {
 
-// The one list of the files that make up a model on disk. Outputs replace
-// these files and no others.
+// The single list of the files that make up a model on disk. Outputs replace
+// only these files.
 
 // cameras, images, points3D, rigs and frames as .bin or .txt; rig_config.json,
 // geo_origin.json, covariances.csv, frames.csv and report.html.

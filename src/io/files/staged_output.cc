@@ -70,12 +70,12 @@ bool IsOnDeviceOf(const fs::path& a, const fs::path& b) {
          status_a.st_dev == status_b.st_dev;
 }
 
-// The entry itself, not what a link points to.
+// Tests the entry itself, not the target of a link.
 bool Exists(const fs::path& path) {
   return fs::exists(fs::symlink_status(path));
 }
 
-// A shell that is in the working folder would be in a removed one.
+// A shell in the working folder would then be in a removed folder.
 bool CanMove(const fs::path& folder) {
   std::error_code ignored;
   return IsFolder(folder) && IsOnDeviceOf(folder, folder.parent_path()) &&
@@ -97,7 +97,7 @@ std::vector<std::string> NamesIn(const fs::path& folder) {
 
 enum class Way { kLink, kMove };
 
-// Gives entries of a folder to another one that lacks them.
+// Adds entries of a folder to another folder that lacks them.
 void AddMissing(const fs::path& from, const fs::path& to,
                 const std::vector<std::string>& names, Way way,
                 FileOperations* operations) {
@@ -119,11 +119,11 @@ void AddMissing(const fs::path& from, const fs::path& to,
 
 fs::path New(const fs::path& work) { return work / "new"; }
 fs::path Old(const fs::path& work) { return work / "old"; }
-// The name of work/new when its entries have been exchanged.
+// The name of work/new after its entries have been exchanged.
 fs::path Replaced(const fs::path& work) { return work / "replaced"; }
 
-// Puts back what was taken away from `base` without a successor, and files that
-// another program has written into a folder before it was taken away.
+// Restores entries taken from `base` without a successor, and files that
+// another program has written into a folder before it was taken.
 void PutBack(const fs::path& work, const fs::path& base,
              FileOperations* operations) {
   for (const fs::path& folder : {Old(work), Replaced(work)}) {
@@ -140,8 +140,7 @@ void PutBack(const fs::path& work, const fs::path& base,
   }
 }
 
-// Ignores failures: remaining files have no meaning, and the next run removes
-// them.
+// Ignores failures: the next run removes remaining files.
 void RemoveWorkFolder(const fs::path& work, FileOperations* operations) {
   try {
     RemoveTree(work, operations);
@@ -157,7 +156,7 @@ void MakeFolders(const fs::path& folder, const fs::path& target) {
   ThrowWriteError(target);
 }
 
-// Two renames would hide the other files in between.
+// Two renames would hide the other files for a moment.
 void CheckOthers(const fs::path& folder, const fs::path& work,
                  FileOperations* operations) {
   const std::vector<std::string> others = ListFolder(folder).others;
@@ -170,9 +169,9 @@ void CheckOthers(const fs::path& folder, const fs::path& work,
                       "cannot replace in one step");
 }
 
-// Throws Error unless a folder, or else a file, may take the place of `entry`.
-// Files that would be replaced must belong to a model: cameras.txt may be some
-// other list of cameras.
+// Throws Error unless `entry` may be replaced by a folder, or else by a file.
+// Replaced files must belong to a model: cameras.txt may be some other list of
+// cameras.
 void CheckReplaceable(const fs::path& entry, bool by_folder) {
   if (fs::is_directory(entry) != by_folder) {
     if (!by_folder) {
@@ -225,7 +224,7 @@ StagedOutput::StagedOutput(const fs::path& target, OutputKind kind,
   }
 }
 
-// Removes temporary folders whose owners were killed.
+// Removes temporary folders of killed processes.
 void StagedOutput::RemoveStale(const fs::path& folder) const {
   std::error_code error;  // an unreadable folder has no temporary folders
   const fs::directory_iterator entries(folder, error);
@@ -252,7 +251,7 @@ void StagedOutput::MakeWorkFolder() {
     if (mkdtemp(path.data()) == nullptr) ThrowWriteError(target_);
     work_ = path;
     lock_ = std::make_unique<FolderLock>(work_);
-    // Another run may take the folder for a stale one until it is locked.
+    // Until the folder is locked, another run may treat it as stale.
   } while (lock_->state() == FolderLock::State::kBusy);
   MakeFolders(StagingDir(), target_);
   MakeFolders(Old(work_), target_);
@@ -353,7 +352,7 @@ void StagedOutput::Commit() {
     PutBack(work_, base_, operations_);
     is_tidy_ = true;
   } catch (const Error&) {
-    // The output is complete; the next run tidies up.
+    // The output is complete; the next run cleans up.
   }
 }
 

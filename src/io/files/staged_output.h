@@ -43,20 +43,20 @@ class FolderLock {
 // in their places.
 //
 // A model replaces its folder by one exchange (renameat2) or, where the file
-// system cannot, by two renames. Files in the folder that belong to no model
-// stay: the new folder has links to them. Models of an earlier run that have no
-// successor are removed. Everything else in the target stays.
+// system cannot, by two renames. Other files in the folder remain: the new
+// folder has links to them. Models of an earlier run that have no successor are
+// removed. Everything else in the target remains.
 //
-// If a call fails, the target is restored. A process that is killed leaves
-// whole models, of the earlier output or of this one; the next one with the
-// same target puts back what was taken away without a successor.
+// If a call fails, the target is restored. A killed process leaves complete
+// models of the earlier output or of this one; the next process with the same
+// target restores entries that were taken without a successor.
 class StagedOutput {
  public:
-  // First tidies up after killed processes. Throws Error
+  // First cleans up after killed processes. Throws Error
   // - if the target is a file, or nothing can be written there,
   // - if the output would replace something that is not a model,
   // - if a folder to replace is a link, a mount point or the working folder.
-  // `operations` must outlive the object; by default, they are those of files.
+  // `operations` must outlive the object; by default, they act on real files.
   explicit StagedOutput(const std::filesystem::path& target,
                         OutputKind kind = OutputKind::kRun,
                         FileOperations* operations = nullptr);
@@ -86,17 +86,17 @@ class StagedOutput {
   FileOperations* const operations_;
   std::filesystem::path target_;
   const OutputKind kind_;
-  // The folder of the entries to place: a target of kRun that exists, which may
+  // The folder of the entries to place: an existing target of kRun, which may
   // be a mount point, or else the parent of the target.
   std::filesystem::path base_;
-  // The hidden folder in base_. work_/new/NAME is to become base_/NAME, and
+  // The hidden folder in base_. work_/new/NAME will become base_/NAME, and
   // work_/old/NAME was base_/NAME.
   std::filesystem::path work_;
   std::unique_ptr<FolderLock> lock_;   // on work_, while this object lives
   std::vector<std::string> obsolete_;  // names of entries to remove
   std::vector<std::function<void()>> undo_;
   bool is_tidy_ = true;  // false: work_ holds what belongs into base_
-  // Folders made above a new target, the lowest first.
+  // New parent folders of the target, the lowest first.
   std::vector<std::filesystem::path> new_parents_;
 };
 

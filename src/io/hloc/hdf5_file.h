@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// A dataset of HDF5 with two dimensions; a vector is a matrix of one row.
+// A two-dimensional HDF5 dataset; a vector is a matrix of one row.
 template <class T>
 struct Hdf5Matrix {
   size_t rows = 0;
@@ -17,7 +17,7 @@ struct Hdf5Matrix {
   std::vector<T> values;  // row by row
 };
 
-// A file of HDF5 that is read. Numbers of any size become float or int32. All
+// An HDF5 file to read. Numbers of any size become float or int32. All
 // functions throw Error, naming file and dataset, for damaged files.
 class Hdf5File {
  public:
@@ -36,7 +36,7 @@ class Hdf5File {
   virtual Hdf5Matrix<int32_t> ReadInts(const std::string& dataset) const = 0;
 };
 
-// Throws Error also if this build has no HDF5.
+// Also throws Error if this build has no HDF5.
 std::unique_ptr<Hdf5File> OpenHdf5(const std::string& path);
 
 }  // namespace mgsfm

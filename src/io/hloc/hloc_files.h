@@ -15,8 +15,8 @@
 
 namespace mgsfm {
 
-// The features of one image. hloc counts pixels from the center of the first
-// one; here its center is (0.5, 0.5).
+// The features of one image. In hloc, the center of the first pixel is (0, 0);
+// here, it is (0.5, 0.5).
 struct HlocFeatures {
   std::vector<FeatureKeypoint> keypoints;
   // Bytes of float32 as COLMAP 4 stores them, a row per keypoint; empty if
@@ -43,9 +43,10 @@ class HlocFeatureFile {
 };
 
 // matches.h5 of hloc: for each pair a group name1/name2, with '-' for '/' in
-// the names, and the dataset matches0 [N]: per keypoint of image 1, the one of
-// image 2, or -1. Throws Error, naming file and pair, for other shapes, and for
-// names of images that are not known or differ in '-' and '/' only.
+// the names, and the dataset matches0 [N]: per keypoint of image 1, the
+// matching keypoint of image 2, or -1. Throws Error, naming file and pair, for
+// other shapes, and for image names that are unknown or differ in '-' and '/'
+// only.
 class HlocMatchFile {
  public:
   HlocMatchFile(const std::string& path,
@@ -57,7 +58,7 @@ class HlocMatchFile {
     std::string group;
   };
   const std::vector<Pair>& pairs() const { return pairs_; }
-  // Throws Error unless the numbers are those of keypoints.
+  // Throws Error unless the numbers are valid keypoint indices.
   std::vector<Match> Read(const Pair& pair, size_t num_keypoints1,
                           size_t num_keypoints2) const;
 

@@ -23,8 +23,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Largest difference of two copies of a pose, in radians and model extents.
-// Six-digit text files round by 1e-6; contradictions are far larger.
+// Largest difference between two copies of a pose, in radians and model
+// extents. Six-digit text files round by 1e-6; contradictions are far larger.
 constexpr double kMaxContradiction = 1e-4;
 
 double Extent(const PoseModel& poses) {
@@ -133,7 +133,7 @@ void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {
 
 namespace {
 
-// Enough for a share within 1 %, and a constant cost.
+// Determines a fraction within 1 % at constant cost.
 constexpr size_t kMaxNumChecked = 10000;
 
 struct PoseConvention {
@@ -155,7 +155,7 @@ Rigid3 Reinterpret(Rigid3 pose, const PoseConvention& convention) {
   return convention.is_world_from_cam ? pose.Inverse() : pose;
 }
 
-// The observations of a model, or an even selection of them.
+// The observations of a model, or an evenly spaced selection.
 class ObservationCheck {
  public:
   explicit ObservationCheck(const Model& model)
@@ -182,7 +182,7 @@ class ObservationCheck {
  private:
   bool Fits(const ModelPoint& point, const ModelObservation& o,
             const PoseConvention& convention) const {
-    // Far beyond the errors of models before bundle adjustment.
+    // Far above the errors of models before bundle adjustment.
     constexpr double kMaxErrorInSides = 0.05;
     const int image_idx = image_idx_of_id_.at(o.image_id);
     const ModelImage& image = model_.poses.images[image_idx];
@@ -213,7 +213,7 @@ void CheckObservations(const Model& model, const std::filesystem::path& folder,
   if (num_checked < kMinNumChecked) return;
   const size_t num_fitting = check.CountFitting(kPoseConventions[0]);
   const size_t num_misfits = num_checked - num_fitting;
-  // Wrong matches of sound models are fewer.
+  // Correct models have fewer wrong matches.
   if (10 * num_misfits <= num_checked) return;
   const std::string problem =
       "model '" + folder.string() + "': only " + std::to_string(num_fitting) +

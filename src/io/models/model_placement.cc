@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Extracting the features of an image twice gives equal keypoints but for
+// Extracting the features of an image twice gives equal keypoints up to
 // rounding. A match with features of another image is off by many pixels.
 constexpr double kMaxKeypointDistancePx = 1.0;
 // Rounding in double precision.
@@ -185,7 +185,7 @@ void ModelPlacer::ChooseReferences() {
   }
 }
 
-// Uses the rigs of the model where they have the sensor and the reference.
+// Uses the rigs of the model that have both the sensor and the reference.
 void ModelPlacer::PlaceSensors() {
   std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> pose_in_model;
   for (const RigRow& rig : model_.poses.rigs) {

@@ -10,20 +10,20 @@
 
 namespace mgsfm {
 
-// A model in the scene of a database that holds its images, which are matched
-// by name; ids may differ.
+// A model in the scene of a database with its images, which are matched by
+// name; ids may differ.
 struct PlacedModel {
   Reconstruction reconstruction;  // positions are those of the scene
-  // All images have the pose of their frame and sensor to 1e-6 rad and 1e-6 of
-  // the extent of the model. Else they were not estimated as rigs, or not as
-  // these.
+  // Whether all images have the pose of their frame and sensor, to 1e-6 rad and
+  // 1e-6 of the extent of the model. Otherwise, they were not estimated as
+  // rigs, or not as these rigs.
   bool is_rigid = true;
 };
 
-// Rigs and frames are those of the scene. Poses of sensors follow from the
-// model's rigs where it has the sensor and the reference, else from the poses
-// of its images, as MakeModelScene (model_scene.h) says; sensors and frames
-// without an image in the model have none.
+// Rigs and frames are those of the scene. Sensor poses come from the rigs of
+// the model that have the sensor and the reference, else from the image poses,
+// as in MakeModelScene (model_scene.h). Sensors and frames without an image in
+// the model have no pose.
 //
 // Cameras of the scene get the intrinsics of the model, which count as known. A
 // reference sensor without an image in the model is replaced by the sensor of

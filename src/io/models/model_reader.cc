@@ -258,8 +258,9 @@ Model ReadEitherFormat(const fs::path& folder, bool poses_only) {
     CheckOneFormat(folder, format);
     return ReadFiles(folder, format, poses_only);
   }
-  throw Error("'" + folder.string() +
-              "' holds no model (neither images.bin nor images.txt)");
+  throw Error(
+      "'" + folder.string() +
+      "' holds no model (neither images.bin nor images.txt); check the path");
 }
 
 void CheckCameras(const fs::path& folder, const Model& model) {
@@ -268,7 +269,8 @@ void CheckCameras(const fs::path& folder, const Model& model) {
     if (camera_of_id.count(image.camera_id) == 0) {
       throw Error("the model in '" + folder.string() + "' lacks camera " +
                   std::to_string(image.camera_id.value()) + " of image '" +
-                  image.name + "'");
+                  image.name +
+                  "'; write the model again with the program that made it");
     }
   }
 }

@@ -40,9 +40,9 @@ DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
 
 // ------------------------------------------------------------------- frames
 
-// Poses that are computed from those of images differ from the ones that the
-// model has for its frames by rounding. The latter are kept, so that a model
-// which is written again stays the same.
+// Poses computed from image poses differ by rounding from the frame poses of
+// the model. Keeps the latter, so that a model that is written again does not
+// change.
 void KeepFramePoses(const PoseModel& poses, const Scene& scene,
                     std::vector<std::optional<Rigid3>>* rig_from_world) {
   // Thousands of roundings in double precision. Any other difference of two
@@ -70,8 +70,8 @@ void KeepFramePoses(const PoseModel& poses, const Scene& scene,
   }
 }
 
-// Frames of several images that the model has are evidence which images were
-// taken together.
+// Warns if frames differ: frames of several images in a model show which images
+// were taken together.
 void WarnIfFramesDiffer(const PoseModel& poses, const Scene& scene,
                         const fs::path& folder, const Context& context) {
   std::map<ImageId, FrameId> frame_in_model;

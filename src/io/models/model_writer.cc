@@ -41,7 +41,7 @@ class ModelFile {
     if (!stream_) ThrowWriteError(path_);
   }
 
-  // A number of the binary type T; text separates by blanks.
+  // Writes a number with the binary type T; text uses spaces as separators.
   template <class T>
   void Write(T value) {
     if (is_text_) {
@@ -63,7 +63,7 @@ class ModelFile {
                     static_cast<std::streamsize>(name.size()) + 1);
     }
   }
-  // Binary files begin with, and lists have before them, their number.
+  // Binary files begin with a count, and each list is preceded by one.
   void WriteCount(uint64_t count) {
     if (!is_text_) Write<uint64_t>(count);
   }
@@ -96,7 +96,7 @@ class ModelFile {
   std::ofstream stream_;
 };
 
-// Positions of what is written, sorted by id, and the camera of each sensor.
+// Writes the elements sorted by id, with a camera for each sensor.
 class ModelWriter {
  public:
   ModelWriter(const Scene& scene, const Reconstruction& reconstruction,
@@ -136,7 +136,7 @@ class ModelWriter {
   std::vector<uint32_t> camera_id_of_sensor_;
 };
 
-// Sorts positions in an array by the ids of what they refer to.
+// Sorts array positions by the ids of the elements.
 template <class Item>
 void SortIdxsById(const std::vector<Item>& items, std::vector<int>* idxs) {
   std::sort(idxs->begin(), idxs->end(),
@@ -326,7 +326,7 @@ void CheckFormat(const std::string& image_name, ModelFormat format) {
 
 namespace {
 
-// Nothing is written that no reader would take.
+// Rejects values that no reader would accept.
 void CheckValues(const Scene& scene, const Reconstruction& model) {
   const auto check = [](const std::optional<std::string>& problem,
                         const std::string& element, const std::string& name) {

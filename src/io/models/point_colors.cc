@@ -31,7 +31,7 @@ cv::Mat ReadImage(const std::filesystem::path& path) {
   }
 }
 
-// Empty if the pixels are those of the camera.
+// Empty if the image has the size of the camera.
 std::string WhyUnusable(const cv::Mat& image, const Camera& camera) {
   if (image.empty()) return "cannot be read";
   if (image.cols == camera.width_px && image.rows == camera.height_px) {
@@ -56,7 +56,7 @@ Rgb PixelAt(const cv::Mat& bgr, int x, int y) {
 
 // Bilinear; the center of the first pixel is (0.5, 0.5).
 Rgb Interpolate(const cv::Mat& bgr, const Eigen::Vector2f& keypoint_px) {
-  // Pixels beyond the border repeat it.
+  // Pixels beyond the border repeat the border.
   const float x = std::clamp(keypoint_px.x() - 0.5f, 0.0f,
                              static_cast<float>(bgr.cols - 1));
   const float y = std::clamp(keypoint_px.y() - 0.5f, 0.0f,

@@ -11,15 +11,15 @@
 
 namespace mgsfm {
 
-// An image that gives no colors, and why: "cannot be read".
+// An image that provides no colors, and why: "cannot be read".
 struct UncoloredImage {
   std::string name;
   std::string problem;
 };
 
 // Colors every point with the mean, over its observations, of the bilinearly
-// interpolated image at the keypoint. Points seen in none of the images found
-// stay black. Each image file is read once, in parallel over images; at most
+// interpolated image at the keypoint. Points without a usable image remain
+// black. Each image file is read once, in parallel over images; at most
 // num_threads images are in memory. Returns the images that could not be used,
 // sorted by name: files that cannot be read, or of another size than the
 // camera.

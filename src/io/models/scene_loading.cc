@@ -28,11 +28,11 @@
 namespace mgsfm {
 namespace {
 
-// Keypoints of features at the border of an image.
+// Detectors can place keypoints this far beyond the image border.
 constexpr float kBorderNoise_px = 1.0f;
 
-// Reads the rigs of a file or of a folder: of its rig_config.json or, if it has
-// none, of the sparse model there, which any program may have written.
+// Reads the rigs from a file or a folder: from its rig_config.json or else from
+// its sparse model, which any program may have written.
 std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
                                             const Context& context) {
   namespace fs = std::filesystem;
@@ -68,7 +68,7 @@ RigAssignment AssignAllSingle(const RigInput& input) {
   return assignment;
 }
 
-// The times of images in a file or in their names.
+// The times of images, from a file or from their names.
 std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
   std::vector<int64_t> times_ns;
   if (path.empty()) {
@@ -131,7 +131,7 @@ RigAssignment AssignRigs(const RigInput& input,
   return AssignByFolders(input, times, context);
 }
 
-// Intrinsics that no lens has are an error.
+// Throws Error for impossible intrinsics.
 void CheckIntrinsics(const Scene& scene, const std::string& input_name,
                      const Context& context) {
   size_t num_more = 0;
@@ -160,8 +160,7 @@ void CheckIntrinsics(const Scene& scene, const std::string& input_name,
                                 : ""));
 }
 
-// Whether more keypoints are outside of the camera's image than noise moves
-// across its border.
+// Whether more keypoints are outside the camera's image than noise explains.
 bool HasKeypointsOutside(const Image& image, const Camera& camera) {
   constexpr double kMaxShare = 0.05;
   const float max_x = static_cast<float>(camera.width_px) + kBorderNoise_px;
@@ -176,7 +175,7 @@ bool HasKeypointsOutside(const Image& image, const Camera& camera) {
          kMaxShare * static_cast<double>(image.keypoints_px.size());
 }
 
-// Features of images of another size than the camera has.
+// Warns of features that belong to images of another size than the camera.
 void CheckKeypoints(const Scene& scene, const std::string& input_name,
                     const Context& context) {
   size_t num_images = 0;

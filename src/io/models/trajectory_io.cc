@@ -106,7 +106,7 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
       const std::optional<double> number = ParseDouble(field);
       if (!number) {
         lines.Throw("has '" + Printable(field) +
-                    "' where a finite number should be");
+                    "' where a finite number should be; correct it");
       }
       n.push_back(*number);
     }

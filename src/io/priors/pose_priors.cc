@@ -40,7 +40,7 @@ class PriorMaker {
     source_ = source;
     const auto idx_of_id = IndexById(scene_.images);
     for (const PosePriorRow& row : rows) {
-      // Rows left behind by an image that was deleted are harmless.
+      // Rows of a deleted image are harmless.
       const auto found = idx_of_id.find(row.image_id);
       if (found != idx_of_id.end()) rows_[found->second] = row;
     }
@@ -235,7 +235,7 @@ bool AreGps(const std::vector<Eigen::Vector3d>& positions, PositionKind kind,
   const bool is_far =
       box.center().head<2>().norm() > kMinDistanceRatio * extent;
   if (!is_in_range || !is_far) return false;
-  // Read as degrees, these numbers are places in the Gulf of Guinea.
+  // In degrees, these positions would lie in the Gulf of Guinea.
   const bool fits_radians = box.min().x() >= -0.5 * kPi &&
                             box.max().x() <= 0.5 * kPi &&
                             box.min().y() >= -kPi && box.max().y() <= kPi;

@@ -28,7 +28,7 @@ std::string SplitLine(const TextLines& lines, const std::string& columns,
     const std::optional<double> number = ParseDouble(word);
     if (!number) {
       lines.Throw("has '" + Printable(word) +
-                  "' where a finite number should be");
+                  "' where a finite number should be; correct it");
     }
     (*value)[k] = *number;
   }
@@ -54,10 +54,13 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
     if (found == idx_of_name.end()) {
       if (others == UnknownImages::kIgnore) continue;
       lines.Throw("names the image '" + name +
-                  "', which the database does not have");
+                  "', which the database does not have; delete the line, or "
+                  "correct the name");
     }
     vector.image_idx = found->second;
-    if (is_named[vector.image_idx]) lines.Throw("names '" + name + "' again");
+    if (is_named[vector.image_idx]) {
+      lines.Throw("names '" + name + "' again; delete one of the lines");
+    }
     is_named[vector.image_idx] = true;
     vectors.push_back(vector);
   }
@@ -72,7 +75,7 @@ using Poses = std::vector<std::pair<int, Rigid3>>;
 // (docs/reference/formats.md).
 constexpr double kMaxGapRatio = 10.0;
 
-// The image of the reference sensor, else the first one.
+// The image of the reference sensor, or else the first image.
 int MainImage(const Scene& scene, const Frame& frame) {
   for (const int image_idx : frame.image_idxs) {
     if (scene.IsReference(scene.images[image_idx].sensor_idx)) return image_idx;

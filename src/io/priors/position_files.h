@@ -19,11 +19,10 @@ struct NamedVector {
   int line_number = 0;
 };
 
-// Reads the lines "image_name A B C" of a file, in its order; empty lines and
-// those that start with '#' are skipped. Names may contain blanks. Throws
-// Error, naming file and line, for malformed lines, unknown or repeated images
-// and an unreadable file; its message uses `columns` ("X Y Z") and `option`
-// ("ref_images_path").
+// Reads the lines "image_name A B C" of a file in order; skips empty lines and
+// comments ('#'). Names may contain blanks. Throws Error, naming file and line,
+// for malformed lines, unknown or repeated images and an unreadable file; its
+// message uses `columns` ("X Y Z") and `option` ("ref_images_path").
 std::vector<NamedVector> ReadNamedVectors(
     const Scene& scene, const std::string& path, const std::string& columns,
     const std::string& option, UnknownImages others = UnknownImages::kReject);
@@ -35,21 +34,21 @@ enum class PositionFileFormat {
   kEuroc,  // timestamp,px,py,pz,qw,qx,qy,qz,... (ns)
 };
 
-// Goes by the first line that is neither empty nor a comment: 12 or 8 numbers
-// and nothing else are poses. Throws Error if the file cannot be read.
+// Detects the format from the first line that is neither empty nor a comment:
+// exactly 12 or 8 numbers are poses. Throws Error if the file cannot be read.
 PositionFileFormat DetectPositionFormat(const std::string& path);
 
-// Poses rig_from_world by the index of a frame, from those of the reference
-// camera. Poses of KITTI are those of the frames in the natural order of their
-// names. Those of TUM and EuRoC are interpolated at the times of images; frames
-// beyond the trajectory, or in a gap of more than ten median intervals, get
-// none. Throws Error for malformed lines, a number of poses that differs from
-// that of frames, and images without a time. `format` is not kNamed.
+// Frame poses rig_from_world by frame index, from the poses of the reference
+// camera. KITTI poses belong to the frames in the natural order of their names.
+// TUM and EuRoC poses are interpolated at image times; frames outside the
+// trajectory, or in a gap of more than ten median intervals, get none. Throws
+// Error for malformed lines, a number of poses other than the number of frames,
+// and images without a time. `format` is not kNamed.
 std::vector<std::pair<int, Rigid3>> ReadTrajectoryPoses(
     const Scene& scene, const std::string& path, PositionFileFormat format);
 
-// Their positions by the index of an image: that of the reference sensor (in
-// frames without one, any image).
+// Positions by image index: of the image of the reference sensor, or of any
+// image in frames without one.
 std::vector<std::pair<int, Eigen::Vector3d>> ReadTrajectoryPositions(
     const Scene& scene, const std::string& path, PositionFileFormat format);
 

@@ -68,7 +68,7 @@ bool IsFollowedByNumber(std::string_view text, size_t begin) {
          !DigitsAt(text, begin + 1).empty();
 }
 
-// Nanoseconds per unit of a UNIX time; nullopt if it is none.
+// Nanoseconds per unit of a UNIX time; nullopt if it is not a UNIX time.
 std::optional<int64_t> UnitOfUnixTime(std::string_view digits) {
   constexpr int64_t kFirst = 100'000'000;             // 1973, in seconds
   constexpr int64_t kFirstOfSeconds = 1'000'000'000;  // 2001; 123456789 is none
@@ -157,8 +157,8 @@ std::optional<int64_t> TimeInName(const std::string& image_name) {
 }
 
 std::optional<std::string> WhyNoTime(double time_s) {
-  // Milliseconds of a UNIX time are beyond it. Nanoseconds up to it fit into 64
-  // bits.
+  // UNIX times in milliseconds exceed this bound. Nanoseconds up to it fit into
+  // 64 bits.
   constexpr double kMaxTime_s = 7.3e9;
   if (std::abs(time_s) < kMaxTime_s) return std::nullopt;
   return "is beyond the year 2200; give times in seconds";
@@ -273,7 +273,7 @@ void CheckOrder(const std::filesystem::path& path, const Scene& scene,
   }
 }
 
-// Throws Error if the images of frames are farther apart than frames are.
+// Throws Error if images within frames are farther apart than frames are.
 void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
   std::vector<double> times_s, spreads_s, intervals_s;
   int widest_idx = -1;

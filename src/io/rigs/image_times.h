@@ -16,7 +16,7 @@ namespace mgsfm {
 enum class UnknownImages { kReject, kIgnore };
 
 // The time, in nanoseconds, in the file name of an image; folders and extension
-// are ignored. The first of these that the name has:
+// are ignored. The first of these found in the name:
 // 1. The last number that is a UNIX time between 1973 (2001 for seconds) and
 //    2103 in s, ms, us or ns; its magnitude shows the unit. A fraction may
 //    follow the seconds, after '.', after '_' with 3, 6 or 9 digits, or after
@@ -25,16 +25,16 @@ enum class UnknownImages { kReject, kIgnore };
 //    after '_' or '-', the name has no time: they may be a fraction or a
 //    counter.
 // 2. A date with a time of day, and a fraction as above: 20230501_123456_789,
-//    2013-05-28T08-46-02.904626944. It is taken for UTC.
+//    2013-05-28T08-46-02.904626944. It is interpreted as UTC.
 // 3. Seconds with at least three decimals that are the whole name: 12.345.
-// Counters such as 0000000250 are no times.
+// Counters such as 0000000250 are not times.
 std::optional<int64_t> TimeInName(const std::string& image_name);
 
 // Why a time cannot be in seconds; nullopt if it can.
 std::optional<std::string> WhyNoTime(double time_s);
 
-// The same for a name without folder and extension. If it has no time and is a
-// number, its value is taken for seconds.
+// The same for a name without folder and extension. A name that is a number,
+// but not a time, is interpreted as seconds.
 std::optional<int64_t> TimeOrNumberInStem(const std::string& stem);
 
 // Times of exposure: one line "image_name SECONDS" per image; '#' starts

@@ -33,8 +33,8 @@ bool IsSeparator(const std::string& part) {
 
 using Parts = std::vector<std::string>;
 
-// The parts that all names of a group have, nullopt where they differ. nullopt
-// if names have different numbers of parts.
+// The common parts of all names of a group; nullopt where they differ. nullopt
+// as a whole if names have different numbers of parts.
 using CommonParts = std::vector<std::optional<std::string>>;
 
 std::optional<CommonParts> FindCommonParts(
@@ -64,7 +64,7 @@ std::string ToPattern(const CommonParts& parts) {
   return pattern;
 }
 
-// The start and the end that all names have.
+// The common start and end of all names.
 std::string PatternOfEnds(const std::vector<std::string>& names) {
   const std::string& first = names.front();
   size_t start = first.size(), end = first.size();
@@ -86,7 +86,7 @@ std::string PatternOfEnds(const std::vector<std::string>& names) {
   return first.substr(0, start) + kStar + first.substr(first.size() - end);
 }
 
-// The telling parts at all positions, with the parts of their words.
+// The distinguishing parts at all positions, with the parts of their words.
 std::optional<std::vector<std::string>> JoinTellingParts(
     const NameGroups& groups, bool splits_words) {
   std::vector<CommonParts> common;
@@ -196,7 +196,7 @@ std::optional<std::vector<std::string>> FindTellingParts(
 
 namespace {
 
-// Groups that have no name are not used.
+// Unnamed groups are ignored.
 struct NameRule {
   explicit NameRule(const std::string& rule);
 
@@ -209,8 +209,8 @@ struct NameRule {
   }
 };
 
-// The texts of the groups of a match, by number. Those that match nothing are
-// null.
+// The texts of the groups of a match, by number; null for groups without a
+// match.
 using Texts = std::vector<re2::StringPiece>;
 
 [[noreturn]] void ThrowRuleError(const std::string& rule,
@@ -218,7 +218,7 @@ using Texts = std::vector<re2::StringPiece>;
   throw Error("rig_name_rule '" + rule + "': " + problem);
 }
 
-// A name of its own for each group, as RE2 demands: (?<camera>...) becomes
+// A unique name for each group, as RE2 requires: (?<camera>...) becomes
 // (?P<camera_17>...), with its position in the rule.
 std::string WithUniqueNames(const std::string& rule) {
   std::string unique;
@@ -254,7 +254,7 @@ RE2::Options QuietOptions() {
   return options;
 }
 
-// RE2 takes time linear in the length of a name, whatever the rule.
+// RE2 takes linear time in the length of a name, whatever the rule.
 NameRule::NameRule(const std::string& rule)
     : regex(WithUniqueNames(rule), QuietOptions()) {
   if (!regex.ok()) {
@@ -282,7 +282,7 @@ std::string JoinGroups(const Texts& texts, const NameRule& rule,
   return joined;
 }
 
-// The name of the image with the camera groups taken out.
+// The name of the image without the camera groups.
 std::string WithoutCamera(const std::string& name, const Texts& texts,
                           const NameRule& rule) {
   Mask is_kept(name.size(), true);

@@ -16,13 +16,12 @@ using NameGroups = std::vector<std::vector<std::string>>;
 std::optional<std::string> MatchNamePattern(const std::string& name,
                                             const std::string& pattern);
 
-// Ways to describe the names of each camera by a pattern, the most legible one
-// first. Parts of names that all images of a camera have in common are text,
-// others are stars.
+// Ways to describe the names of each camera by a pattern, the most legible
+// first. Common parts of the names of a camera are text, other parts are stars.
 std::vector<std::vector<std::string>> FindNamePatterns(
     const NameGroups& groups);
 
-// The part of the names by which each camera differs from the others, "cam1" of
+// The part of the names that distinguishes each camera, "cam1" of
 // "IMG_0001_cam1.jpg"; nullopt if there is none.
 std::optional<std::vector<std::string>> FindTellingParts(
     const NameGroups& groups);

@@ -232,13 +232,13 @@ class TableAssigner {
   void CheckCamera(const FrameDataRow& data, int image,
                    const std::string& frame) const;
   void CheckAllAssigned() const;
-  // Names sensors by the first of these that is different for all of them: a
-  // level of folders, a part of the images' names, their common start.
+  // Names sensors by the first of these that is unique for each: a level of
+  // folders, a part of the image names, their common start.
   void NameSensors();
   void NameFrames();
   // The folder of each sensor; nullopt if a sensor has several at this level.
   std::optional<std::vector<std::string>> FoldersAtLevel(size_t level) const;
-  // The parts of names that only images of one of the sensors have.
+  // The parts of names that only the images of one sensor have.
   std::optional<std::vector<std::string>> TellingParts(
       const std::set<int>& sensors) const;
   // The common start of the names of a sensor's images: as whole folders, or
@@ -300,7 +300,7 @@ void TableAssigner::AddFrame(const FrameRow& row,
   }
 }
 
-// COLMAP copies a camera that two sensors share, but not in its images.
+// COLMAP copies a camera that two sensors share, but keeps it in the images.
 void TableAssigner::CheckCamera(const FrameDataRow& data, int image,
                                 const std::string& frame) const {
   const Camera& of_image = input_.CameraOf(image);
@@ -417,7 +417,7 @@ void TableAssigner::NameSensors() {
 void TableAssigner::NameFrames() {
   for (size_t i = input_.contents.images.size(); i-- > 0;) {
     const int sensor = assignment_.sensor_of_image[i];
-    // The first image decides, as it comes last here.
+    // The first image determines the name, because it comes last here.
     assignment_.frames[assignment_.frame_of_image[i]].name = NameWithoutSensor(
         input_.contents.images[i].name, assignment_.sensors[sensor].name);
   }

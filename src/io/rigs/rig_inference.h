@@ -68,9 +68,9 @@ struct FrameTimes {
   int64_t max_difference_ns = 0;
 };
 
-// The four sources of rigs, see scene_loading.h. Images make frames by their
-// times if these are given, else by their names. AssignByTables returns nullopt
-// if the tables have one camera per rig and one image per frame.
+// The four sources of rigs, see scene_loading.h. Frames are formed by image
+// times if given, otherwise by names. AssignByTables returns nullopt if the
+// tables have one camera per rig and one image per frame.
 RigAssignment AssignByConfig(const RigInput& input,
                              const std::vector<RigConfig>& rigs,
                              const std::string& path, const FrameTimes* times,
@@ -81,7 +81,7 @@ std::optional<RigAssignment> AssignByTables(const RigInput& input);
 RigAssignment AssignByFolders(const RigInput& input, const FrameTimes* times,
                               const Context& context);
 
-// Sensors that share frames, directly or through others, make a rig; images of
+// Sensors that share frames, directly or through others, form a rig; images of
 // sensors that share none are single.
 RigAssignment AssignByKeys(const RigInput& input,
                            const std::vector<ImageKeys>& keys);

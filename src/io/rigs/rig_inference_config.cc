@@ -57,8 +57,8 @@ std::optional<int> FindSensor(const std::string& image_name,
   return found;
 }
 
-// Images whose names agree after the prefix, or where the pattern has stars,
-// make a frame.
+// Images whose names agree after the prefix, or at the stars of the pattern,
+// form a frame.
 void AddFramesByName(const RigInput& input,
                      const std::vector<RigConfigCamera>& cameras,
                      RigAssignment* assignment) {
@@ -80,8 +80,8 @@ void AddFramesByName(const RigInput& input,
   }
 }
 
-// Sensors are called like their prefix, or like the part of the names by which
-// the pattern tells them apart.
+// Names sensors by their prefix, or by the part of the names with which the
+// pattern distinguishes them.
 void NamePatternSensors(const RigInput& input,
                         const std::vector<RigConfigCamera>& cameras,
                         RigAssignment* assignment) {
@@ -101,7 +101,7 @@ void NamePatternSensors(const RigInput& input,
   }
 }
 
-// Several cameras of one rig have images, but no frame has two of them.
+// Warns if several cameras of a rig have images, but no frame has two of them.
 void WarnIfNamesShareNoFrame(const RigInput& input,
                              const RigAssignment& assignment,
                              const Context& context) {
@@ -177,7 +177,7 @@ RigAssignment AssignByConfig(const RigInput& input,
           "rig configuration '" + path + "': no image of " + input.Name() +
           (cameras[i].image_pattern.empty() ? " starts with the prefix '"
                                             : " fits the pattern '") +
-          cameras[i].NameRule() + "'");
+          cameras[i].NameRule() + "'; correct it, or remove the camera");
     }
   }
   NamePatternSensors(input, cameras, &assignment);

@@ -53,8 +53,8 @@ void ReplaceReference(const std::vector<int>& sensors, const Context& context,
   best->is_reference = true;
 }
 
-// Makes sure that the reference of the rig of these sensors has images: the one
-// given, else by known pose, number of images and name.
+// Ensures that the reference of the rig of these sensors has images: the given
+// one, otherwise by known pose, number of images and name.
 void ChooseReference(const std::vector<int>& sensors,
                      const std::vector<int>& num_images, const Context& context,
                      RigAssignment* assignment) {
@@ -122,8 +122,8 @@ class SceneBuilder {
   void CheckAssignedIntrinsics(int sensor, const Camera& camera) const;
   CameraId UnusedCameraId() const;
 
-  // The position of `key` in an array of the scene; `is_new` if it is the first
-  // image that asks for it, which then has to append the element.
+  // The position of `key` in an array of the scene. Sets `is_new` for the first
+  // image with this key, which must then append the element.
   template <class Key>
   static int Number(const Key& key, std::map<Key, int>* numbers, bool* is_new) {
     const auto [it, inserted] =
@@ -138,7 +138,7 @@ class SceneBuilder {
   std::vector<int> camera_of_sensor_;  // position in input_.contents.cameras
   Scene scene_;
 
-  // The intrinsics that a sensor uses: those of the input, or a replacement.
+  // The intrinsics of a sensor: from the input, or a replacement.
   using CameraKey =
       std::tuple<int, std::optional<CameraModelId>, std::vector<double>>;
   std::map<CameraKey, int> camera_idxs_;
@@ -147,7 +147,7 @@ class SceneBuilder {
   std::map<int, int> rig_idxs_;
 };
 
-// A sensor has one camera: that of its first image, if those of its other
+// A sensor has one camera: the camera of its first image, if those of its other
 // images are equal.
 void SceneBuilder::JoinCameras() {
   const size_t num_sensors = assignment_.sensors.size();
@@ -191,8 +191,8 @@ CameraId SceneBuilder::UnusedCameraId() const {
   return CameraId(max_id + 1);
 }
 
-// Intrinsics of images of another size are an error unless those of the input
-// have the same principal point, as images that were cropped.
+// Throws Error for intrinsics of images of another size, unless the input has
+// the same principal point, as for cropped images.
 void SceneBuilder::CheckAssignedIntrinsics(int sensor,
                                            const Camera& camera) const {
   const auto problem = FindIntrinsicsProblem(camera);

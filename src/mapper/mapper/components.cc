@@ -37,8 +37,8 @@ void SortBySize(std::vector<MapperModel>* models) {
                    });
 }
 
-// Drops the models of fewer than min_model_size images, but never the first
-// one. Returns which frames they have.
+// Drops the models of fewer than min_model_size images, except for the first
+// model. Returns which frames the models have.
 Mask DropSmallModels(const Scene& scene, int min_model_size,
                      std::vector<MapperModel>* models) {
   Mask is_dropped(scene.frames.size(), false);

@@ -13,7 +13,7 @@
 
 namespace mgsfm {
 
-// The connected components of the view graph, of which each becomes a model.
+// The connected components of the view graph; each becomes a model.
 
 // The number of frames of each component.
 [[nodiscard]] std::vector<int> CountFramesOfComponents(

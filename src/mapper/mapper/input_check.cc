@@ -29,8 +29,8 @@ namespace {
 // the share. Half or twice as many change no verdict
 // (docs/results/constants.md).
 constexpr double kMinRegisteredShare = 0.9;
-// More wrong than right priors of two are wrong by chance; fewer priors than
-// this show no share.
+// A larger fraction of outliers is reported. Fewer priors do not determine a
+// fraction.
 constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
 // The relative standard deviation of the baselines of a known rig, as in the
@@ -49,7 +49,7 @@ std::string CountOf(size_t count, size_t total, const char* what) {
   return std::to_string(count) + " of " + std::to_string(total) + " " + what;
 }
 
-// Several cameras with a rig each: no frame has images of two of them.
+// Several cameras in separate rigs: no frame has images of two of them.
 std::vector<Finding> CheckSharedFrames(const Scene& scene) {
   std::vector<int> num_images(scene.sensors.size(), 0);
   for (const Image& image : scene.images) ++num_images[image.sensor_idx];
@@ -66,15 +66,14 @@ std::vector<Finding> CheckSharedFrames(const Scene& scene) {
   finding.evidence = {
       {"num_cameras", static_cast<double>(finding.cameras.size())}};
   finding.text = std::to_string(finding.cameras.size()) +
-                 " cameras share no frame, so that no rig is calibrated: "
-                 "images of one instant have different names";
+                 " cameras share no frame, so that no rig is calibrated";
   finding.remedy =
-      "if the cameras are mounted rigidly, give images of one instant equal "
+      "if the cameras are mounted rigidly, give simultaneous images equal "
       "names, or set rig_name_rule";
   return {finding};
 }
 
-// The reason of most unregistered frames, or what is wrong with a sensor.
+// The reason for most unregistered frames, or the problem of a sensor.
 std::string LikelyCause(const Scene& scene, const MapperResult& result) {
   for (size_t k = 0; k < result.rotation.sensors.size(); ++k) {
     const SensorRotationSummary& sensor = result.rotation.sensors[k];
@@ -127,9 +126,9 @@ std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
          {},
          {{"num_null_fixes", static_cast<double>(priors.num_null_fixes)}},
          std::to_string(priors.num_null_fixes) +
-             " positions are latitude 0, longitude 0, as receivers write "
-             "them without a fix; they are ignored",
-         "remove them, or give the right positions"});
+             " positions are latitude 0, longitude 0, which receivers write "
+             "without a fix; they are ignored",
+         "remove them, or give the correct positions"});
   }
   for (const MapperModel& model : result.models) {
     if (!model.position_priors) continue;
@@ -161,8 +160,8 @@ std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
   return findings;
 }
 
-// The logarithms of the distances between positions, relative to those in the
-// model. Each position is compared with that half of all positions later.
+// The logarithms of distances between positions relative to those in the model.
+// Each position is compared with the position half of the list later.
 std::vector<double> LogScales(const Scene& scene, const PositionPriors& priors,
                               const Reconstruction& model) {
   std::vector<Eigen::Vector3d> measured, estimated;
@@ -186,7 +185,7 @@ std::vector<double> LogScales(const Scene& scene, const PositionPriors& priors,
 
 std::string UnitRemedy(double scale) {
   const auto is_near = [scale](double expected) {
-    // The known rig and the positions are each right within some percent.
+    // The known rig and the positions are each correct within some percent.
     return std::max(scale / expected, expected / scale) < 1.1;
   };
   if (is_near(1e-3)) return "give the rig in meters, not in millimeters";
@@ -194,8 +193,8 @@ std::string UnitRemedy(double scale) {
   return "correct the baselines of the rig, or the unit of the positions";
 }
 
-// A model with a known rig keeps the unit of that rig. If the positions have
-// another one, they cannot agree with it.
+// A model with a known rig keeps the unit of that rig. If positions have
+// another unit, they cannot agree with it.
 std::vector<Finding> CheckPositionUnit(const Scene& scene,
                                        const PositionPriors& priors,
                                        const MapperResult& result) {
@@ -212,8 +211,8 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
     for (const double scale : scales) {
       deviations.push_back(std::abs(scale - center));
     }
-    // Distances that share positions are not independent: the deviation of one
-    // counts, and that of the known rig.
+    // Distances that share positions are not independent: the uncertainty is
+    // the deviation of a single distance, combined with that of the known rig.
     const double sigma =
         std::hypot(RobustSigma<1>(std::move(deviations)), kKnownRigSigma);
     if (std::abs(center) <= kRareErrorInSigmas * sigma) continue;
@@ -222,8 +221,8 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
              {},
              {},
              {{"scale", std::exp(center)}, {"relative_sigma", sigma}},
-             "the measured positions suggest a unit of length " +
-                 std::string(number) + " times that of the known rig",
+             "the unit of length according to the measured positions is " +
+                 std::string(number) + " times the unit of the known rig",
              UnitRemedy(std::exp(center))}};
   }
   return {};
@@ -264,8 +263,8 @@ bool Concerns(const Finding& finding, const std::vector<std::string>& cameras) {
   });
 }
 
-// Keeps the first finding of each camera, and those of the same cause: images
-// of a wrong size also disturb motions, and a camera that lags also turns
+// Keeps the first finding of each camera, and those with the same cause: images
+// of a wrong size also disturb motions, and a lagging camera also rotates
 // relative to its rig.
 std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
   std::vector<Finding> causes;
@@ -297,9 +296,9 @@ std::vector<KeptCount> CountKeptBetweenSensors(
       .sensors;
 }
 
-// Motions of cameras that contradict each other. With wrong intrinsics, the
-// rotations of pairs are wrong, so that pairs are estimated again with those of
-// the largest model before a camera is accused.
+// Motions of cameras that contradict each other. Wrong intrinsics distort the
+// rotations of pairs, so pairs are estimated again with the intrinsics of the
+// largest model before a camera is reported.
 std::vector<Finding> CheckMotionsTwice(
     const VerifiedPairs& pairs, const std::vector<SensorPairSamples>& samples,
     const MapperOptions& options, const Context& context,

@@ -11,7 +11,7 @@ namespace mgsfm {
 // Checks an input against itself and against the result (mgsfm/input_check),
 // and adds the findings to `result`, causes before their effects. The scene of
 // the pairs has the cameras that the stages used. Lost matches are a finding
-// only if no other one explains them.
+// only if no other finding explains them.
 void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
                 const MapperOptions& options, const Context& context,
                 MapperResult* result);

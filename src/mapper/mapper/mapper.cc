@@ -26,7 +26,7 @@
 namespace mgsfm {
 namespace {
 
-// The inputs of a run. Runs with some of the pairs calibrate lenses.
+// The inputs of a run. Runs with a subset of the pairs calibrate lenses.
 struct Run {
   const PositionStep& estimate_positions;
   const MapperInput& input;  // beside scene and pairs
@@ -37,7 +37,7 @@ struct Run {
   const Context& context;
 };
 
-// The results of the stages that see the whole scene.
+// The results of the stages for the whole scene.
 struct Measured {
   const VerifiedPairs& pairs;
   const FramePairIndex& index;
@@ -64,7 +64,7 @@ EstimatedRotations AverageAll(const Run& run, const ViewGraph& view_graph,
 
 // ---------------------------------------------------------------- 6. Positions
 
-// Sensors whose baselines earlier models determine are known.
+// Sensors with baselines determined by earlier models are known.
 PositionResult PlaceComponent(const Run& run, const Measured& measured,
                               const RotationEstimate& rotations,
                               const ObservationGroups& tracks,
@@ -104,7 +104,7 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
 
 // ----------------------------------- 5. Tracks, 7. Bundle adjustment and seams
 
-// From rotations to an adjusted model, and its parts if it is split at seams.
+// From rotations to an adjusted model, or to several if it is split at seams.
 std::vector<MapperModel> MapComponent(const Run& run, const Measured& measured,
                                       RotationEstimate rotations) {
   MapperModel model;
@@ -125,7 +125,7 @@ std::vector<MapperModel> MapComponent(const Run& run, const Measured& measured,
   AdjustmentInput input{run.scene, measured.pairs.view_graph,
                         measured.pairs.matches(), run.input.position_priors,
                         measured.gravity};
-  // Neither wrong matches nor duplicate structures may join different points.
+  // Neither wrong matches nor duplicate structures may merge different points.
   input.pair_is_used = rotations.pair_is_inlier;
   input.pair_is_used.Remove(positions.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
@@ -142,7 +142,7 @@ std::vector<MapperModel> MapComponent(const Run& run, const Measured& measured,
 
 // ------------------------------------------------------------------- 8. Models
 
-// Each component learns from those before it.
+// Each component uses the calibration of earlier components.
 std::vector<MapperModel> MapComponents(const Run& run, const Measured& measured,
                                        const RotationEstimate& rotations) {
   const MapperOptions& options = run.options;
@@ -200,8 +200,8 @@ void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
 
 // ---------------------------------------------------- 1. Lenses, 2. View graph
 
-// Lenses are calibrated without the checks of the input, which a wrong lens
-// misleads.
+// Calibrates lenses without the checks of the input, which wrong lenses
+// mislead.
 MapperResult MapScene(const Run& run) {
   MapperResult result;
   VerifiedPairs pairs =

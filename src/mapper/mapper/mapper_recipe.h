@@ -9,13 +9,13 @@
 
 namespace mgsfm {
 
-// The step from rotations to positions and points. The product's step is
-// EstimatePositions().
+// The step from rotations to positions and points; EstimatePositions() in the
+// mapper.
 using PositionStep = std::function<PositionResult(
     const PositionInput& input, const PositionOptions& options,
     const Context& context)>;
 
-// RunMapper() with another step, for methods to compare with.
+// RunMapper() with another step, for comparisons with other methods.
 [[nodiscard]] MapperResult RunMapperWith(const PositionStep& estimate_positions,
                                          const MapperInput& input,
                                          const MapperOptions& options,

@@ -72,9 +72,9 @@ bool IsPlausible(const ModelDeformation& deformation, double extent) {
   return deformation.max_shift <= kMaxShareOfExtent * extent;
 }
 
-// Registers the initial model to the position priors and deforms it towards
-// them. Returns the priors that bundle adjustment uses: none if the deformation
-// is implausible.
+// Registers the initial model to the position priors and deforms it toward
+// them. Returns the priors for bundle adjustment: none if the deformation is
+// implausible.
 PositionPriors MoveToPriors(const AdjustmentInput& input,
                             const Context& context, Reconstruction* initial,
                             MapperModel* model) {
@@ -151,10 +151,11 @@ void WarnIfUpsideDown(const GravityPriors& gravity, const Context& context) {
     ++num_up;
   }
   if (num_up == 0) return;
-  context.Warning("all " + std::to_string(num_up) +
-                  " steep directions of gravity point to the top of their "
-                  "images; unless the cameras are upside down, these are "
-                  "accelerations: give the opposite directions");
+  context.Warning(
+      "all " + std::to_string(num_up) +
+      " steep directions of gravity point to the top of their images; unless "
+      "the cameras are upside down, give the opposite directions: "
+      "accelerometers at rest measure the opposite of gravity");
 }
 
 // Moves the model to its final world frame.
@@ -180,7 +181,7 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
   }
 }
 
-// The candidates for bundle adjustment. It asks for them once per round.
+// The candidates for bundle adjustment, which requests them once per round.
 CandidateSource MakeObservedSource(const AdjustmentInput& input,
                                    const MapperOptions& options,
                                    const Context& context) {
@@ -226,8 +227,8 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
                            options.bundle_adjustment, context);
 }
 
-// Bundle adjustment. Drops the rig from `priors` if the evidence of the model
-// contradicts it.
+// Bundle adjustment. Drops the rig from `priors` if the observations of the
+// model contradict it.
 void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
                      const Context& context, Reconstruction initial,
                      BundlePriors* priors, MapperModel* model) {

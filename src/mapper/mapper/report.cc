@@ -89,7 +89,7 @@ Json ToJson(const std::vector<RejectionCount>& rejected_pairs) {
   return json;
 }
 
-// Stretches of consecutive registered frames on one side of a seam, each by its
+// Segments of consecutive registered frames on one side of a seam, each as its
 // first and last name.
 Json StretchesOfSide(const Scene& scene, const Reconstruction& reconstruction,
                      const Mask& frame_is_beyond, bool is_beyond) {

@@ -15,15 +15,15 @@
 namespace mgsfm {
 namespace {
 
-// More lenses are in the report only.
+// The report lists further lenses.
 constexpr size_t kMaxNumLenses = 6;
 
 std::string Count(size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
-// How exactly the known lengths of the rig determine the unit. Positions,
-// which add to that, are not judged.
+// How precisely the known lengths of the rig determine the unit. The additional
+// information of positions is ignored.
 std::string MetricWithin(const MapperModel& model) {
   const bool has_positions =
       model.position_priors && model.position_priors->is_registered;
@@ -179,7 +179,7 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
   return summary;
 }
 
-// Lenses that were estimated; empty without.
+// The estimated lenses; empty if none were estimated.
 std::string DescribeLenses(const ModelSummary& model) {
   std::vector<LensValue> lenses;
   for (const LensValue& lens : model.lenses) {
@@ -271,7 +271,7 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
       "images: " + std::to_string(summary.num_registered_images) + " of " +
       std::to_string(summary.num_images) + " registered, in " +
       Count(summary.models.size(), "model", "models")};
-  // Further reasons and models are in the report only.
+  // The report lists further reasons and models.
   for (size_t i = 0; i < summary.missing_frames.size() && i < 2; ++i) {
     const auto& [count, reason] = summary.missing_frames[i];
     lines.push_back("missing: " + Count(count, "frame", "frames") + ", " +

@@ -30,7 +30,7 @@ struct SensorAccuracy {
   }
 };
 
-// The lens of a camera of a model. Its focal length is the first of two.
+// The lens of a camera of a model. Of two focal lengths, it has the first.
 struct LensValue {
   int camera_idx = 0;
   std::string label;
@@ -56,7 +56,7 @@ struct LensValue {
 struct ModelSummary {
   int num_frames = 0;
   int num_images = 0;
-  // Their poses are those of other images of their frame.
+  // Images whose poses come from other images of their frame.
   int num_images_without_points = 0;
   size_t num_points = 0;
   size_t num_observations = 0;
@@ -65,8 +65,7 @@ struct ModelSummary {
   std::string unit_of_length;        // in words
   int num_calibrated_sensors = 0;    // other than reference and known ones
   std::vector<LensValue> lenses;     // of the cameras with registered images
-  // The calibrated sensor with the fewest observations, on which its pose
-  // rests.
+  // The calibrated sensor with the fewest observations that support its pose.
   std::string weakest_sensor;
   size_t min_num_sensor_observations = 0;
   // One per calibrated sensor, if covariances were computed.

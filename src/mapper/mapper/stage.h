@@ -11,8 +11,8 @@
 
 namespace mgsfm {
 
-// A stage that runs: announces it as progress of unknown size (total 0), and
-// logs and records its time.
+// A running stage: announces it as progress of unknown size (total 0), and logs
+// and records its time.
 class RunningStage {
  public:
   RunningStage(std::string name, const Context& context)

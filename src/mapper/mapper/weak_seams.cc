@@ -75,7 +75,7 @@ std::vector<std::pair<int, int>> CountFrames(
   return {num_frames.begin(), num_frames.end()};
 }
 
-// The registered frames in segments of at least min_num_frames of them.
+// The number of registered frames in segments of at least min_num_frames.
 int NumFramesInSegments(const Scene& scene, const MapperModel& model,
                         const std::vector<Seam>& seams, int min_num_frames) {
   int num_left = 0;

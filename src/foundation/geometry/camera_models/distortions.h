@@ -14,8 +14,7 @@
 //   kNumParams
 //   Distort(k, m, jacobians)  the distorted point; jacobians may be null
 //   IsInjectiveTo(k, radius)  a sufficient condition for injectivity on the
-//   disc
-//                             of that radius: the symmetric part of the
+//                             disc of this radius: the symmetric part of the
 //                             Jacobian is positive definite on the whole disc
 //   Undistort(k, m, max)      the preimage of m in the injective region, closer
 //                             than max to the center

@@ -15,8 +15,7 @@
 //   kNumParams
 //   Project(k, point, jacobians)  nullopt outside its domain; jacobians may be
 //                                 null
-//   Unproject(k, m)               a ray of any positive length that projects to
-//   m
+//   Unproject(k, m)               a ray of any length that projects to m
 namespace mgsfm::internal {
 
 template <int N>

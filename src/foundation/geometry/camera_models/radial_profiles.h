@@ -14,9 +14,8 @@
 // r * scale(s) with s = r^2. A profile is a struct with
 //   kNumParams
 //   Evaluate(k, s)             scale and its derivatives
-//   IsIncreasing(k, s, margin) whether d(r scale)/dr > margin for all radii
-//   from
-//                              0 to sqrt(s)
+//   IsIncreasing(k, s, margin) whether d(r scale)/dr > margin for all radii up
+//                              to sqrt(s)
 //   Invert(k, target, max)     the r in [0, max) with r * scale(r^2) = target
 namespace mgsfm::internal {
 
@@ -159,7 +158,7 @@ inline void AtanRatio(double y, double* value, double* slope) {
   }
   *value = 0.0;
   *slope = 0.0;
-  // The terms that are left out are below 10 y^9 / 21 = 5e-19.
+  // The omitted terms are below 10 y^9 / 21 = 5e-19.
   for (int i = 9; i > 0; --i) {
     const double coefficient = (i % 2 == 0 ? 1.0 : -1.0) / (2 * i + 1);
     *slope = *slope * y + i * coefficient;
