@@ -53,7 +53,7 @@ Camera CameraOf(CameraId id, const ImageSize& size) {
 }
 
 // One camera per folder, with the size of its first image. Files before it are
-// no images and will be rejected.
+// not images and will be rejected.
 DatabaseContents RowsOf(const std::string& image_path,
                         const std::vector<std::string>& names) {
   DatabaseContents rows;
@@ -77,10 +77,9 @@ DatabaseContents RowsOf(const std::string& image_path,
   return rows;
 }
 
-// Throws the Error that the rigs would cause after the extraction of features:
-// names of cameras, folders and sizes of images that do not fit the
-// configuration, calibration or rule. Does nothing where intrinsics or times
-// decide.
+// Throws the Error that the rigs would cause after feature extraction: names of
+// cameras, folders or image sizes that do not fit the configuration,
+// calibration or rule. Does nothing if intrinsics or times decide.
 void CheckRigsOfImages(const std::string& image_path,
                        const std::vector<std::string>& names,
                        const SceneLoadingOptions& loading) {
@@ -202,8 +201,7 @@ void Match(const AutomaticReconstructorOptions& options,
   (void)MatchImages(options, context);
 }
 
-// Matching and mapping both read the rigs; what they say about them is logged
-// once.
+// Matching and mapping both read the rigs; messages about them are logged once.
 Context WithoutRepetitions(const Context& context) {
   Context once = context;
   const auto seen = std::make_shared<std::set<std::string>>();
@@ -214,7 +212,7 @@ Context WithoutRepetitions(const Context& context) {
   return once;
 }
 
-// Splits the images; the options of all that follows refer to the result.
+// Splits the images; options of later steps refer to the result.
 void UseViews(const fs::path& views_path, CombinedImages kind,
               const Context& context, AutomaticReconstructorOptions* options) {
   ImageReaderOptions& reader = options->extraction.reader;
@@ -237,7 +235,7 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
     options->input.loading.rig_config_path =
         (views_path / "rig_config.json").string();
   } else if (reader.camera_params->empty()) {
-    // Equidistant, until it is refined.
+    // Equidistant until refined.
     reader.camera_model = "OPENCV_FISHEYE";
     reader.default_focal_length_factor =
         1.0 / DegToRad(options->splitting.fisheye_field_of_view_deg);
@@ -256,8 +254,8 @@ void CheckSource(const AutomaticReconstructorOptions& options) {
   }
 }
 
-// Checks the paths that are read only after the extraction of features, which
-// takes long.
+// Checks the paths that are read only after the time-consuming feature
+// extraction.
 void CheckPaths(const AutomaticReconstructorOptions& options) {
   const ImageReaderOptions& reader = options.extraction.reader;
   const SceneLoadingOptions& loading = options.input.loading;
@@ -281,7 +279,7 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
   }
 }
 
-// The options of all that follows refer to the extracted images.
+// Options of later steps refer to the extracted images.
 void UseVideos(const fs::path& output_path, const Context& context,
                AutomaticReconstructorOptions* options) {
   SampleVideosInto(output_path, options->video_path, options->video, context);

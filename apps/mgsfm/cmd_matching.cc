@@ -119,8 +119,8 @@ int RunMatcher(
 
 namespace {
 
-// The options of a matching command: those of all, and its own, which tell how
-// to match all pairs of a database, and how to select them.
+// The options of a matching command: the common ones and those of its method,
+// which can match all pairs of a database and select them.
 template <class Method>
 struct MatcherOptions {
   MatchingInputOptions input;

@@ -130,8 +130,8 @@ void WarnOfUnpairedImages(const TruthComparison& comparison,
                   names.front() + "'");
 }
 
-// Warns of true poses in another convention, by the rotations of the model
-// between consecutive images.
+// Warns of true poses in another convention, detected by the rotations of the
+// model between consecutive images.
 void WarnOfConvention(const TruthComparison& comparison,
                       const EvaluatorOptions& options, const Context& context) {
   if (options.gt_format == TruthFormat::kRig) return;

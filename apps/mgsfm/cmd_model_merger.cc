@@ -169,7 +169,7 @@ NamesOfSubMaps ReadNames(const SubMapFiles& files) {
   return names;
 }
 
-// Pairs of images that are both in models, but not both in one.
+// Pairs of images that are both in models, but not in the same model.
 std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
                                       const NamesOfSubMaps& names,
                                       const Context& context) {
@@ -347,7 +347,7 @@ Json FinishModel(const ModelMergerOptions& options,
   return DescribeModel(statistics, sub_maps, bundle);
 }
 
-// Models do not tell which poses of their cameras were known.
+// Models do not state which camera poses were known.
 void LogIfRigsAreRefined(const ModelMergerOptions& options,
                          const std::vector<SceneModel>& models,
                          const Context& context) {
@@ -362,8 +362,8 @@ void LogIfRigsAreRefined(const ModelMergerOptions& options,
       "--rig_config_path to keep known ones");
 }
 
-// Joins the models of clusters, which `mapper --partition` made, into the
-// models 0, 1, ... and a report.json. Clusters without a model are reported.
+// Joins the models of clusters from `mapper --partition` into the models 0, 1,
+// ... and a report.json. Reports clusters without a model.
 int JoinClusters(const ModelMergerOptions& options, const Context& context) {
   if (options.input_path->empty()) {
     throw Error("--graph needs the folder of the sub-maps; set --input_path");

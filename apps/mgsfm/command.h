@@ -59,8 +59,8 @@ enum ExitCode : int {
   kExitBadInput = 1,
   kExitNotSolvable = 2,    // valid input from which nothing can be estimated
   kExitInternalError = 3,  // a defect of mgsfm
-  // A run that is stopped by a signal ends by that signal, so that shells see
-  // 128 plus its number. Only resumable commands have written anything then.
+  // A run stopped by a signal ends by this signal, so that shells see 128 plus
+  // its number. Only resumable commands have then written anything.
 };
 
 // The end of a run. Commands that only write files return their ExitCode.
@@ -71,7 +71,7 @@ struct CommandResult {
   int exit_code;
   std::string text = {};  // for the standard output
   std::string json = {};  // the same for programs; may be empty
-  // The output files are complete, so that the text may get lost.
+  // The output files are complete, so losing the text is harmless.
   bool has_files = false;
 };
 
@@ -146,8 +146,8 @@ struct Switches {
 };
 
 // Sets options: first from the file --config_path, then from the flags, each
-// `--name value` or `--name=value`; for true, `--name` alone will do. After
-// --help or --help_all none is set. Required ones may still be missing.
+// `--name value` or `--name=value`; `--name` alone means true. Sets nothing
+// after --help or --help_all. Required options may still be missing.
 Switches SetOptions(const std::vector<std::string>& arguments,
                     const OptionList& options);
 
@@ -160,13 +160,13 @@ bool ParseArguments(const std::string& name, const std::string& summary,
 // The checks of ParseArguments. Throws Error, naming the file and both options,
 // if the outputs of a command would replace one of its inputs: a database,
 // model, list, calibration or configuration file. An input_path that the
-// command may adjust in place is none of them. Likewise if a file that is
-// written would replace an image or a database, input or not.
+// command may adjust in place is allowed. Also throws Error if an output file
+// would replace an image or a database, whether it is an input or not.
 void CheckCommandOptions(const std::string& name, const OptionList& options,
                          const std::string& config_path = "");
 
-// The environment with the threads and the seed of the options, and without the
-// log messages below their level.
+// The environment with the threads and the seed of the options, and without log
+// messages below their level.
 Context ApplyCommonOptions(const CommonOptions& options, Context environment);
 
 // Prints the text of a result; returns its exit code.

@@ -59,7 +59,7 @@ size_t WriteMasks(const fs::path& folder, const Scene& scene,
   return num_masks;
 }
 
-// Throws Error if the folder has files, which may be masks of the user.
+// Throws Error if the folder has files, which may be the user's masks.
 void CheckFixedRegionFolder(const fs::path& folder) {
   std::error_code error;
   if (folder.empty() || !fs::exists(folder, error)) return;
@@ -248,7 +248,7 @@ void LogNoModel(const MapperRun& run, const Context& context) {
                                     (output / "report.json").string());
 }
 
-// A model that was extended without registration keeps its origin.
+// A model extended without registration keeps its origin.
 void KeepGeoOrigin(const fs::path& input_path, const MapperResult& result,
                    const fs::path& output_path) {
   const fs::path origin = input_path / "geo_origin.json";
@@ -342,7 +342,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   CheckImagePath(run.image_path);
   CheckTimestamps(run);
   CheckFixedRegionFolder(run.fixed_region_mask_path);
-  // Contradictions are reported before anything is read.
+  // Reports contradictions before anything is read.
   MapperOptions resolved = run.mapper;
   ResolveBaseline(run.baseline, &resolved);
   context.Debug("reading started");

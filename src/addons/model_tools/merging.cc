@@ -13,8 +13,8 @@
 namespace mgsfm {
 namespace {
 
-// The items of the first model that items of the second are; nullopt for items
-// that only the second has.
+// Per item of the second model, the same item of the first; nullopt for items
+// that only the second model has.
 struct ModelUnion {
   std::vector<std::optional<int>> first_image;   // per image of the second
   std::vector<std::optional<int>> first_sensor;  // per sensor

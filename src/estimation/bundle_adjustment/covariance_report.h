@@ -18,15 +18,15 @@ namespace mgsfm {
 std::string CovariancesToCsv(const Scene& scene,
                              const CovarianceResult& covariances);
 
-// Whether the covariances tell the center of a sensor from that of the
-// reference of its rig: chance moves them apart as far in less than 1 of 10,000
-// rigs. Otherwise its translation counts as determined only if it is as certain
-// as the frames are: the centers of some cameras coincide.
+// Whether the covariances distinguish the center of a sensor from the center of
+// the reference sensor: chance separates them this far in less than 1 of 10,000
+// rigs. Otherwise, the translation is determined only if it is as certain as
+// the frames, because the centers of some cameras coincide.
 bool IsPlaceDetermined(const Reconstruction& model,
                        const CovarianceResult& covariances, int sensor_idx);
 
-// One sentence that names the unobservable directions of sensors and the places
-// that are not determined, or "" if there are none.
+// One sentence that names the unobservable directions of sensors and the
+// undetermined sensor positions, or "" if there are none.
 std::string DescribeUnobservable(const Scene& scene,
                                  const Reconstruction& model,
                                  const CovarianceResult& covariances);

@@ -48,7 +48,7 @@ void CheckKnownPoses(const std::string& text, const KnownBaseline& baseline,
     const auto& pose2 = scene.sensors[sensor2].sensor_from_rig;
     if (!pose1 || !pose2) continue;
     const double known = (pose1->Center() - pose2->Center()).norm();
-    // The error of a baseline of 0.3 m that is measured to 3 mm.
+    // The error of a baseline of 0.3 m that was measured to 3 mm.
     if (std::abs(known - baseline.length_m) > 0.01 * baseline.length_m) {
       Throw(text, "the known rig has the distance " +
                       FormatDouble(known, std::chars_format::general, 6) +

@@ -23,8 +23,8 @@ struct KnownBaseline {
 std::optional<KnownBaseline> ParseMetricScale(const std::string& text,
                                               const Scene& scene);
 
-// The factor that makes the mean distance of the estimated pairs of sensors
-// the known one; nullopt if none is estimated or all coincide.
+// The factor that makes the mean distance of the estimated sensor pairs equal
+// to the known distance; nullopt if none is estimated or all coincide.
 std::optional<double> MetersPerUnit(const KnownBaseline& baseline,
                                     const Reconstruction& model);
 

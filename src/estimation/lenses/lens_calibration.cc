@@ -17,27 +17,28 @@
 namespace mgsfm {
 namespace {
 
-// Standard deviations of lenses about one without distortion and with its
-// principal point at the center. The principal points of recorded cameras are
-// off by 1 to 3 % of the larger image side; radial parameters of wide
-// perspective lenses reach -0.4 and 0.2, those of fisheyes a tenth, and
-// decentering 0.001. Focal lengths of EXIF are rounded and nominal, and those
-// of zooms and cropped videos are worse.
+// Standard deviations of lenses about a lens without distortion and with a
+// centered principal point. The principal points of recorded cameras are off by
+// 1 to 3 % of the larger image side; radial parameters of wide perspective
+// lenses reach -0.4 and 0.2, those of fisheyes a tenth, and decentering 0.001.
+// Focal lengths in EXIF are rounded and nominal; they are worse for zooms and
+// cropped videos.
 constexpr double kPrincipalPointSigma = 0.02;
 constexpr double kSigmaOfExif = 0.1;
 constexpr double kPerspectiveSigmas[] = {0.3, 0.15, 2e-3, 2e-3};
 constexpr double kFisheyeSigmas[] = {0.1, 0.05, 0.02, 0.01};
 // Normal errors exceed this number of standard deviations in 1 of 10,000 cases.
 constexpr double kMaxErrorOfStart = 3.9;
-// The change that a view graph tolerates, in its maximum errors. On recorded
-// rigs, the next round changes a lens by 3 to 15 % of that: less than the
-// maximum error of a match.
+// The lens change that a view graph tolerates, in multiples of its maximum
+// error. On recorded rigs, the next round changes a lens by 3 to 15 % of this:
+// less than the maximum error of a match.
 constexpr double kMaxChange = 3.0;
-// The bound of the rounds. It is smaller because one more round costs less than
-// one more map of all frames.
+// The bound for rounds. It is smaller because one more round costs less than
+// reconstructing all frames again.
 constexpr double kMaxChangeOfRound = 1.5;
-// Frames of the first round. Each round has twice as many, up to what a drive
-// sees during a turn, and beyond that if they do not determine the lenses.
+// Number of frames in the first round. Each round has twice as many, up to what
+// a drive sees during a turn, and beyond that if they do not determine the
+// lenses.
 constexpr size_t kNumFramesOfFirst = 12;
 constexpr size_t kNumFramesOfTurn = 24;
 
@@ -95,7 +96,7 @@ std::vector<double> PriorSigmas(const Camera& camera, const Camera& start,
   return sigmas;
 }
 
-// Gives a camera the prior of `start`, in its model.
+// Sets the prior of a camera to `start`, in its model.
 void SetPrior(int camera_idx, const Camera& start,
               const BundleAdjustmentOptions& options, Lenses* lenses) {
   const Camera& camera = lenses->cameras[camera_idx];
@@ -138,9 +139,9 @@ Lenses FirstLenses(const LensInput& input, const LensOptions& options,
   return lenses;
 }
 
-// Grows from the frame with the most matches to others, by the frame with the
-// most matches to those already selected. Square roots favor frames that many
-// others see to those that resemble one of them.
+// Grows from the frame with the most matches by the frame with the most matches
+// to those already selected. Square roots prefer frames that overlap many
+// selected frames to frames that resemble one of them.
 Mask SelectFrames(const Scene& scene, const ViewGraph& matches, size_t size) {
   std::vector<std::map<int, double>> weights(scene.frames.size());
   for (const ImagePair& pair : matches.pairs) {
@@ -249,8 +250,8 @@ double LogEvidence(double value, double sigma, double prior_sigma) {
   return 0.5 * value * value / (sigma * sigma) - std::log(prior_sigma / sigma);
 }
 
-// Leaves RADIAL to the lenses for whose second parameter a model of some frames
-// is evidence.
+// Keeps RADIAL for lenses if a model of some frames provides evidence for the
+// second parameter.
 void SelectModels(const LensInput& input, const Reconstruction& model,
                   const LensOptions& options, const Context& context,
                   LensResult* result) {

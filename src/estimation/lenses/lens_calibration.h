@@ -16,8 +16,7 @@
 
 namespace mgsfm {
 
-// The lenses of a scene, with priors of the parameters that no calibration
-// gives.
+// The lenses of a scene, with priors for parameters without calibration.
 struct Lenses {
   std::vector<Camera> cameras;
   CalibrationPrior prior = {};
@@ -55,38 +54,38 @@ struct LensResult {
   LensSummary summary;
 };
 
-// Whether the focal length is from EXIF, of which feature extraction knows that
-// it is a focal length, but neither a distortion nor a principal point.
+// Whether the focal length comes from EXIF. Feature extraction then knows the
+// focal length, but neither distortion nor principal point.
 [[nodiscard]] bool HasLensOfExif(const Camera& camera);
 
-// The cameras with those of EXIF marked as unknown.
+// The cameras, with lenses from EXIF marked as unknown.
 [[nodiscard]] std::vector<Camera> WithoutExif(std::vector<Camera> cameras);
 
-// The cameras at which estimation starts: those of image pairs, except for
-// focal lengths of EXIF that are more certain, or that image pairs contradict:
-// those of planar scenes do so with certainty, and wrongly.
+// The initial cameras of the estimation: from image pairs, except for focal
+// lengths from EXIF that are more certain or that image pairs contradict,
+// because planar scenes make image pairs certain and wrong.
 [[nodiscard]] std::vector<Camera> StartOfLenses(
     const std::vector<Camera>& given, FocalLengthResult of_pairs);
 
-// Estimates the lenses of cameras without calibration before a scene is mapped
-// with them.
+// Estimates the lenses of cameras without calibration before the reconstruction
+// of a scene.
 //
-// A wrong lens does not only bias a model: the view graph rejects matches that
-// contradict it. So the stages from the view graph to bundle adjustment are
-// repeated with the refined lenses, on few frames that share many matches,
-// until no lens changes by more than the view graph tolerates (LensChangePx()
-// <= 1.5 ViewGraph.max_error_px), at most FocalLengths.max_num_rounds times.
-// They are 12 in the first round and then 24. If they do not determine all
-// focal lengths to BundleAdjustment.max_focal_length_sigma, the next round has
-// twice as many.
+// A wrong lens not only biases a model: the view graph also rejects matches
+// that contradict it. The stages from the view graph to bundle adjustment are
+// therefore repeated with the refined lenses, on few frames that share many
+// matches, until no lens changes by more than the view graph tolerates
+// (LensChangePx() <= 1.5 ViewGraph.max_error_px), at most
+// FocalLengths.max_num_rounds times. The first round has 12 frames, later
+// rounds have 24. If they do not determine all focal lengths to
+// BundleAdjustment.max_focal_length_sigma, the next round has twice as many.
 //
-// Unless its model was chosen, a camera has RADIAL, and its principal point is
-// unknown. All unknowns have normal priors, so that those that the images do
-// not determine stay near the values of usual lenses. It has SIMPLE_RADIAL at
-// last if that has the higher evidence (marginal likelihood), which contains
-// errors of the lens model. OPENCV is never selected: on recorded rigs, its
-// decentering and second focal length fit delays and rolling shutters, and are
-// certain and wrong.
+// Unless its model was chosen, a camera has RADIAL with an unknown principal
+// point. All unknowns have normal priors, so undetermined ones stay near the
+// values of typical lenses. The camera finally gets SIMPLE_RADIAL if this model
+// has the higher evidence (marginal likelihood), which includes errors of the
+// lens model. OPENCV is never selected: on recorded rigs, its decentering and
+// second focal length fit delays and rolling shutters, so they appear certain
+// but are wrong.
 [[nodiscard]] LensResult CalibrateLenses(const LensInput& input,
                                          const LensMapper& map,
                                          const LensOptions& options,
@@ -101,12 +100,13 @@ struct LensResult {
 void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
                      const Context& context);
 
-// `scene` has them.
+// Sets the initial focal lengths, which `scene` has, in the checks of the
+// model.
 void StateInitialFocalLengths(const Scene& scene,
                               std::vector<FocalLengthCheck>* checks);
 
-// The root mean square in pixels of the displacement of rays by the change of a
-// lens, over a grid in the image and without its mean, which is a rotation.
+// The root mean square displacement of rays, in pixels, by a change of lens,
+// over a grid in the image and without its mean, which is a rotation.
 [[nodiscard]] double LensChangePx(const Camera& before, const Camera& after);
 
 }  // namespace mgsfm

@@ -21,11 +21,12 @@ using Eigen::Vector3d;
 
 constexpr int kNumColumns = FixedRegions::kNumColumns;
 constexpr int kNumRows = FixedRegions::kNumRows;
-// A turn, a parallax and a displacement are visible from this many tolerances
-// of a match on.
+// A rotation, a parallax and a displacement are visible if they exceed this
+// many match tolerances.
 constexpr double kMinVisible = 4.0;
-// The lower bound of the share of votes, at 2.33 standard deviations (99 %). A
-// vehicle that accompanies the rig for two thirds of a recording has less.
+// The lower confidence bound of the fraction of votes, at 2.33 standard
+// deviations (99 %). A vehicle next to the rig for two thirds of a recording
+// has less.
 constexpr double kMinShare = 0.75;
 constexpr double kNumSigmasOfShare = 2.33;
 
@@ -51,7 +52,7 @@ double ToleranceRad(const Scene& scene, const ImagePair& pair,
   return ErrorRad(scene, pair.image_idx1, max_error_px);
 }
 
-// Per pair of frames: whether a pair of images of one sensor turns.
+// Per pair of frames: whether any pair of images of one sensor rotates.
 Mask FindTurning(const Scene& scene, const FramePairIndex& index,
                  const ViewGraph& view_graph, double max_error_px) {
   const auto turns = [&](size_t pair_idx) {
@@ -70,7 +71,7 @@ Mask FindTurning(const Scene& scene, const FramePairIndex& index,
   return turning;
 }
 
-// The frames next to one in its sequence, and itself.
+// A frame and the adjacent frames of its sequence.
 std::vector<int> Neighbors(const FramePairIndex& index, int frame_idx) {
   if (!index.is_sequence()) return {frame_idx};
   std::vector<int> frames = index.order()->Neighbors(frame_idx);
@@ -78,8 +79,8 @@ std::vector<int> Neighbors(const FramePairIndex& index, int frame_idx) {
   return frames;
 }
 
-// Whether the rig turns between two frames, by their pairs or by those of one
-// of them with a frame next to the other.
+// Whether the rig turns between two frames, according to their pairs or to
+// pairs of one of them with a frame next to the other.
 bool Turns(const FramePairIndex& index, const Mask& turns,
            const FramePairIndex::FramePair& frames) {
   const auto do_turn = [&](int frame_idx1, int frame_idx2) {
@@ -108,11 +109,11 @@ struct MatchParallax {
   }
 };
 
-// Per keypoint of an image: its inverse distance, if a match within its frame
-// has a visible parallax. The baseline of that pair is the unit.
+// Per keypoint of an image: its inverse distance if a match within its frame
+// has a visible parallax. The unit is the baseline of that pair.
 using Nearness = std::vector<std::optional<double>>;
 
-// The pair within its frame with the most matches of each image.
+// Per image, the pair within its frame with the most matches.
 std::vector<const ImagePair*> FindPartners(const Scene& scene,
                                            const FramePairIndex& index,
                                            const ViewGraph& view_graph) {
@@ -205,8 +206,8 @@ std::vector<MatchVote> CompareRays(const Bearings& bearings,
   return votes;
 }
 
-// Adds the vote of a pair to those of each cell of its sensor. Points of which
-// it is unknown are no evidence for a region, and may be fixed.
+// Adds the vote of a pair to those of each cell of its sensor. Undecided points
+// are no evidence for a region, and may be fixed.
 struct Votes {
   std::vector<int> num_fixed = std::vector<int>(kNumColumns * kNumRows, 0);
   std::vector<int> num_all = num_fixed;
@@ -231,7 +232,7 @@ struct Votes {
   }
 };
 
-// Wilson's lower bound of a share.
+// Wilson's lower confidence bound of a fraction.
 double LowerBound(int num_for, int num_votes) {
   const double n = num_votes, z2 = kNumSigmasOfShare * kNumSigmasOfShare;
   const double share = num_for / n;
@@ -241,8 +242,8 @@ double LowerBound(int num_for, int num_votes) {
          (1.0 + z2 / n);
 }
 
-// Pairs where the rig turns and those where it only advances judge a cell by
-// other points, so that either is enough.
+// Pairs with a rotation and pairs with translation only judge a cell by
+// different points, so either kind suffices.
 Mask FixedCells(const Votes& turning, const Votes& advancing) {
   Mask is_fixed(turning.num_all.size(), false);
   for (size_t c = 0; c < is_fixed.size(); ++c) {

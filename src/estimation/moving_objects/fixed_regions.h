@@ -14,23 +14,24 @@ namespace mgsfm {
 // Objects that move along with the rig during the whole recording: the hull of
 // a boat, a cabin, a tripod, the hand or the operator who carries it.
 //
-// Their matches keep their ray in the camera while the rig turns, and state
-// that it stands still. Where they are many, verification and averaging follow
-// them.
+// The rays of their matches do not change while the rig turns, so these matches
+// imply that it stands still. Many such matches mislead verification and
+// averaging.
 //
-// The rig turns between two frames if a pair of images of these frames has a
-// rotation by which a point at infinity moves visibly; in a sequence, also if
-// the pairs of one of them with a frame next to the other do, as pairs of the
-// object itself have no rotation. On a straight way, distant points keep their
-// rays, too. There, the parallax of matches within frames tells how near points
-// are; points that move tell how far the rig went; and a match that keeps its
-// ray counts if its point is so near that it would move visibly at rest.
+// The rig turns between two frames if a pair of their images has a rotation
+// that visibly moves a point at infinity. In a sequence, it also turns if pairs
+// of one frame with a frame next to the other rotate, because pairs on the
+// object itself have no rotation. On a straight path, the rays of distant
+// points do not change, either. There, the parallax of matches within frames
+// measures how near points are, and moving points measure how far the rig went.
+// A match with a constant ray counts if its point is so near that a static
+// point would move visibly.
 //
 // Images are divided into cells. Each pair of images of one sensor votes once
-// per cell: fixed, if more matches there keep their ray than do not. A cell is
-// fixed if the lower confidence bound of the share of its votes is high, so
-// that vehicles which stay at a constant distance for a part of the recording
-// are no such objects.
+// per cell: fixed, if most rays of its matches there are constant. A cell is
+// fixed if the lower confidence bound of the fraction of such votes is high,
+// which excludes vehicles that stay at a constant distance for only part of the
+// recording.
 //
 // Limits. If nothing else is visible, nothing is found. Without cameras that
 // overlap, the rig must turn.
@@ -47,16 +48,16 @@ struct FixedRegions {
   double FractionOf(int sensor_idx) const;
 };
 
-// `view_graph` has relative poses, and `max_error_px` is their tolerance. Cost:
-// linear in the matches.
+// `view_graph` must have relative poses; `max_error_px` is their tolerance.
+// Cost: linear in the matches.
 [[nodiscard]] FixedRegions FindFixedRegions(const Scene& scene,
                                             const Bearings& bearings,
                                             const FramePairIndex& index,
                                             const ViewGraph& view_graph,
                                             double max_error_px);
 
-// The view graph without matches of keypoints in fixed regions. The log states
-// for each sensor how much of its images is fixed.
+// The view graph without matches of keypoints in fixed regions. Logs the fixed
+// fraction of the images of each sensor.
 [[nodiscard]] ViewGraph DropFixedRegions(const Scene& scene,
                                          const FixedRegions& regions,
                                          const ViewGraph& view_graph,

@@ -12,7 +12,7 @@
 
 namespace mgsfm {
 
-// The measurements of a sequence that the motion of its rig explains.
+// The measurements of a sequence, as input of the estimation of its motion.
 struct MotionInput {
   const Scene& scene;
   const Bearings& bearings;
@@ -22,14 +22,14 @@ struct MotionInput {
   const RotationEstimate& rotations;
 };
 
-// What pairs within frames tell about cameras and keypoints, in one unit of
-// length.
+// The measurements of pairs within frames, in one unit of length.
 struct FrameDepths {
   // Per sensor; nullopt if no pair within a frame connects it with the others.
   std::vector<std::optional<Rigid3>> cam_from_rig;
-  // Per image and keypoint: distance along the ray. Empty for images without.
+  // Per image and keypoint: distance along the ray. Empty for images without
+  // distances.
   std::vector<std::vector<std::optional<double>>> distances;
-  // Standard deviations of the distances, relative to them. Empty if they are
+  // Relative standard deviations of the distances. Empty if distances are
   // exact.
   std::vector<std::vector<double>> relative_sigmas;
 
@@ -48,21 +48,21 @@ struct DepthOptions {
   double noise_px = 0.0;  // the standard deviation of keypoints
 };
 
-// The places of the sensors in their rig, and the depths of keypoints that
-// match within frames, in an arbitrary unit of length.
+// The poses of the sensors in their rig, and the depths of keypoints with
+// matches within frames, in an arbitrary unit of length.
 //
 // The direction t of the baseline of two sensors is the same in all frames, so
 // that all their matches determine it together (geometry/epipolar.h),
 //
 //   min_t sum_m rho(r_m(R, t)),  |t| = 1,
 //
-// with the averaged rotation R, which also rests on pairs between frames. The
-// matches of a narrow overlap would determine only combinations of both. The
-// scale of the loss rho follows from the residuals. Common keypoints
+// with the averaged rotation R, which also uses pairs between frames: the
+// matches of a narrow overlap would determine only combinations of R and t. The
+// scale of the loss rho is estimated from the residuals. Common keypoints
 // relate the lengths of the baselines
 // (translation_averaging/scale_averaging.h). Sensors are placed along the
 // spanning tree of the most certain directions; the origin of a rig is one of
-// them. Sensors without a baseline to the others have no place. Cost: linear in
+// them. Sensors without a baseline to the others have no pose. Cost: linear in
 // the matches within frames; parallel over pairs of sensors.
 [[nodiscard]] FrameDepths MeasureFrameDepths(const MotionInput& input,
                                              const DepthOptions& options,

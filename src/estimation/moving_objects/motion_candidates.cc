@@ -17,35 +17,35 @@ using Eigen::Vector3d;
 // The thresholds of this file at half and twice their values are compared in
 // docs/results/constants.md.
 //
-// The speed changes by this share of the larger one per step: a car that brakes
+// The change of speed per step, relative to the larger speed: a car that brakes
 // hard from 14 m/s loses 0.1 of its speed in 0.3 s.
 constexpr double kRelativeChange = 0.1;
-// It also changes by this share of the median speed per step, so that a rig can
-// stop at walking pace.
+// An additional change of speed per step, relative to the median speed, so that
+// a rig can stop at walking pace.
 constexpr double kMinChange = 0.03;
-// Change of the angular velocity, per step, in addition to the typical one of
-// the recording: the tolerance of agreement, so that errors are no changes.
+// Change of the angular velocity per step, in addition to the typical change in
+// the recording: the tolerance of agreement, so that errors do not count as
+// changes.
 constexpr double kMinTurnChange_rad = DegToRad(1.0);
 // The longest distance to try is twice this quantile of the measured distances:
-// objects that stay at a constant distance may be most, and a few are
-// mismatches.
+// most may belong to objects at a constant distance, a few to mismatches.
 constexpr double kLongQuantile = 0.9;
-// Distances that are tried are this many standard deviations of the change of
-// velocity apart. The cost of the nearest one is too high by at most 0.16.
+// Spacing of the distances to try, in standard deviations of the change of
+// velocity. The cost of the nearest one is too high by at most 0.16.
 constexpr double kDistanceSpacing = 0.8;
 // Bounds the cost where most measured distances are zero.
 constexpr double kMaxNumDistances = 200.0;
-// A rival goes on in a neighboring step within 95 % of the changes.
+// A competing motion continues in an adjacent step within 95 % of the changes.
 constexpr double kMaxSquaredChange = 6.0;
-// Motions agree within kRelativeTolerance, this share of the median step, and
-// this angle.
+// Motions agree within kRelativeTolerance, this fraction of the median step,
+// and this angle.
 constexpr double kMinTolerance = 0.04;
 constexpr double kMaxAngle_rad = DegToRad(1.0);
 // 99 % of the differences of two measurements of one vector of three normal
-// components are shorter, in standard deviations of a component.
+// components are shorter than this, in standard deviations of a component.
 constexpr double kNumSigmas = 3.37;
 // The lower quartile and the median of the lengths of such vectors. The
-// quartile bears objects in up to three quarters of the steps.
+// quartile tolerates objects in up to three quarters of the steps.
 constexpr double kQuartileOfNorm = 1.10;
 constexpr double kMedianOfNorm = 1.54;
 
@@ -55,7 +55,7 @@ double SigmaOfNorms(std::vector<double> norms) {
                        : Quantile(std::move(norms), 0.25) / kQuartileOfNorm;
 }
 
-// The hypotheses of a step with a distance, or those without one, by descending
+// The hypotheses of a step with a distance, or those without, by descending
 // share.
 StepHypotheses SortedByShare(const StepHypotheses& step, bool has_distance) {
   StepHypotheses sorted;
@@ -120,8 +120,8 @@ const MotionHypothesis& ClosestRotation(const StepHypotheses& step,
 }
 
 // How much hypotheses of one motion from different sources differ: the
-// strongest image pair from the closest motion with depth and from the next
-// image pair, whichever differs more.
+// strongest image pair compared with the closest motion by depth and with the
+// next image pair, whichever difference is larger.
 void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
                          MotionNoise* noise) {
   Disagreement of_depths, of_pairs;
@@ -205,7 +205,7 @@ bool SupportsDistance(const MotionHypothesis& free,
   return AreEqualMotions(free.ClosestTo(center), motion, of_kind);
 }
 
-// Adds a hypothesis to a group that it agrees with.
+// Adds a hypothesis to a group with which it agrees.
 void Join(const MotionHypothesis& h, Candidate* group) {
   const double weight = h.share / (group->share + h.share);
   const auto covariance_of_mean = [&](const Matrix3d& a, const Matrix3d& b) {
@@ -232,7 +232,7 @@ void Join(const MotionHypothesis& h, Candidate* group) {
   group->own_share += h.share;
 }
 
-// Compares the points of all motions by depth.
+// Compares the point distances of all motions by depth.
 void MeasureNearness(const MotionNoise& noise,
                      std::vector<Candidate>* by_depth) {
   for (Candidate& candidate : *by_depth) {
@@ -270,9 +270,9 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
   return groups;
 }
 
-// Compares a motion by depth with the groups. Both kinds of evidence count
-// alike. A group has no matches with depth, but those that agree with it know
-// its distance and how near its points are.
+// Compares a motion by depth with the groups. Both kinds of evidence have equal
+// weight. A group has no matches with depth; the motion that agrees with it
+// provides its distance and how near its points are.
 void Combine(const MotionNoise& noise, Candidate* by_depth,
              std::vector<Candidate>* groups) {
   const MeasuredMotion motion = *by_depth;
@@ -295,14 +295,14 @@ void Combine(const MotionNoise& noise, Candidate* by_depth,
   by_depth->by_depth = motion;
   static_cast<MeasuredMotion&>(*by_depth) =
       strongest->ClosestTo(motion.later_from_earlier.Center());
-  // The variance of the distance is that of the depths.
+  // The variance of the distance comes from the depths.
   const Vector3d& direction = *strongest->free_direction;
   by_depth->center_covariance +=
       direction * VarianceAlong(motion.center_covariance, direction) *
       direction.transpose();
 }
 
-// The hypotheses with a distance, and the groups of free ones.
+// The hypotheses with a distance, and the groups of hypotheses without one.
 std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
                                        const MotionNoise& noise) {
   std::vector<Candidate> candidates;
@@ -329,10 +329,10 @@ const Candidate& Strongest(const std::vector<Candidate>& step) {
       [](const auto& a, const auto& b) { return a.share < b.share; });
 }
 
-// A free distance is that of any motion of the step with a distance, unless the
-// matches contradict it: those with parallax exclude that an image pair shows
-// an object that keeps its distance. The motion that correspondences with depth
-// gave may be better than that of image pairs.
+// A free distance may be that of any motion of the step with a distance, unless
+// the matches contradict it: matches with parallax exclude that an image pair
+// shows an object at a constant distance. The motion from correspondences with
+// depth may be better than that from image pairs.
 std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
                                     const Candidate& candidate) {
   std::vector<Rigid3> motions{steps.MotionOf(k, candidate).later_from_earlier};
@@ -351,7 +351,8 @@ std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
   return motions;
 }
 
-// Whether the matches of a step exclude that two candidates are one motion.
+// Whether the matches of a step exclude that two candidates are the same
+// motion.
 bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
                       const Candidate& b) {
   if (!steps.compare) return true;
@@ -375,9 +376,9 @@ bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
          ExcludeEachOther(steps, k, candidate, strongest);
 }
 
-// Whether a rival of the strongest motion goes on in a neighboring step.
-// Objects last; errors do not. Either it is a rival there, too, or it explains
-// the motion there significantly better than the strongest one does.
+// Whether a competing motion continues in an adjacent step, since objects
+// persist and errors do not. It must compete there, too, or explain the motion
+// there significantly better than the strongest motion.
 bool Continues(const Steps& steps, const Velocity& rival,
                const Velocity& strongest, size_t neighbor) {
   if (neighbor >= steps.size() || steps.candidates[neighbor].empty()) {

@@ -38,13 +38,13 @@ struct MeasuredMotion {
 // A motion of a step, between rig frames, by the noise of keypoints and depths.
 // The covariance of the center is that of `free_direction`, if there is one.
 struct MotionHypothesis : MeasuredMotion {
-  // Shares of the matches of the step: those that agree, and those that agree
-  // with no earlier hypothesis.
+  // Fractions of the matches of the step that agree, and that agree with no
+  // earlier hypothesis.
   double share = 1.0;
   double own_share = 1.0;
-  // One camera does not measure how far it moved: any non-negative multiple of
-  // this vector, in the earlier rig frame, may be added to the center of
-  // `later_from_earlier`. Zero: the camera saw no parallax.
+  // A single camera does not measure how far it moved: any non-negative
+  // multiple of this vector, in the earlier rig frame, may be added to the
+  // center of `later_from_earlier`. Zero without parallax.
   std::optional<Eigen::Vector3d> free_direction = {};
   // Distance and spread of the points that agree with this hypothesis only:
   // the geometric mean of their median distances from the rig and from their
@@ -52,42 +52,42 @@ struct MotionHypothesis : MeasuredMotion {
   // are too few points or all coincide.
   std::optional<double> reach = {};
 
-  // The motion of all multiples whose center is closest to `center`.
+  // The motion, over all multiples, whose center is closest to `center`.
   [[nodiscard]] MeasuredMotion ClosestTo(const Eigen::Vector3d& center) const;
 };
 using StepHypotheses = std::vector<MotionHypothesis>;
 
-// What the steps of one recording tell about their own errors and changes. A
-// wrong focal length, a rig that is not known well, or cameras that trigger
-// apart let depths and image pairs, or pairs of different cameras, disagree
-// about every step: then a disagreement is no evidence for an object. Low
-// quantiles over all steps, so that objects in most of them have no influence.
-// The covariances of the hypotheses are not part of them.
+// The errors and changes of motion that all steps of one recording share. With
+// a wrong focal length, an inaccurate rig or unsynchronized cameras, depths and
+// image pairs, or pairs of different cameras, disagree about every step; a
+// disagreement is then no evidence for an object. Low quantiles over all steps
+// are robust to objects in most of them. They exclude the covariances of the
+// hypotheses.
 struct MotionNoise {
   double median_step = 0.0;
   // Standard deviations, per axis, of the difference of two measurements of one
-  // step: of its rotation, and of its center relative to its length.
+  // step: of the rotation, and of the center relative to its length.
   double rotation_rad = 0.0;
   double relative_center = 0.0;
-  // And of the change of the velocity from one step to the next.
+  // Standard deviations of the change of velocity from one step to the next.
   double turn_change_rad = 0.0;
   double linear_change = 0.0;
 };
 
-// The evidence of the matches of two frames that two motions are not those of
-// one rigid scene. A motion that is measured badly, for lack of parallax or by
-// a wrong calibration, still agrees with the matches of the true one; that of
+// The evidence in the matches of two frames that two motions do not belong to
+// one rigid scene. An inaccurate motion, due to small parallax or a wrong
+// calibration, still agrees with the matches of the true motion; the motion of
 // an object does not.
 struct MotionExclusion {
-  // The smaller of the shares that agree with one of the motions only, of the
-  // matches that agree with either.
+  // Of the matches that agree with either motion, the fractions that agree with
+  // one motion only; the smaller of both.
   double share = 0.0;
-  // The share that contradicts the second motion, of the matches that agree
-  // with the first one.
+  // Of the matches that agree with the first motion, the fraction that
+  // contradicts the second.
   double unexplained = 0.0;
 };
-// Motions exclude each other from this share on. A rival also explains as many
-// matches, and others than those before.
+// Motions exclude each other from this value on. A competing motion must also
+// explain as many matches, and other matches than the motions before it.
 inline constexpr double kContestingShare = 0.15;
 
 // Per step, or per unit of time, with covariances.
@@ -101,7 +101,7 @@ Velocity VelocityOf(const MeasuredMotion& motion, double duration);
 MeasuredMotion MotionOf(const Velocity& velocity, double duration);
 
 // Whether two motions are equal, up to `factor` times the tolerance, which
-// includes the variances of both along their difference.
+// includes both variances along their difference.
 bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
                      const MotionNoise& noise, double factor = 1.0);
 
@@ -113,23 +113,24 @@ struct VelocityChange {
 VelocityChange TypicalChange(const Velocity& a, const Velocity& b,
                              const MotionNoise& noise);
 
-// The squared difference of two velocities, in standard deviations of changes
-// within one step and of their measurements.
+// The squared difference of two velocities, normalized by the changes within
+// one step and by their measurement noise.
 double SquaredChange(const Velocity& a, const Velocity& b,
                      const MotionNoise& noise);
 
-// A hypothesis. If its distance is free, one of those that are tried, and the
-// motions by matches with depth that agree with it.
+// A hypothesis, with one of the distances to try if its distance is free, and
+// the motions from matches with depth that agree with it.
 struct Candidate : MotionHypothesis {
   std::vector<MeasuredMotion> measured = {};
   std::optional<Eigen::Vector3d> tried_center = {};
-  // The logarithm of the largest reach of another motion over its own; at least
-  // zero.
+  // The logarithm of the largest depth extent of another motion relative to its
+  // own; at least zero.
   double nearness = 0.0;
-  // Before `later_from_earlier` took the rotation and direction of a group.
+  // The motion by depth, before `later_from_earlier` took the rotation and
+  // direction of a group.
   std::optional<MeasuredMotion> by_depth = {};
 
-  // The motion after one with this center.
+  // The motion that follows a motion with this center.
   MeasuredMotion MotionAfter(const Eigen::Vector3d& center) const {
     return ClosestTo(tried_center.value_or(center));
   }
@@ -158,10 +159,10 @@ struct Steps {
   MeasuredMotion MotionOf(size_t k, const Candidate& candidate) const;
 };
 
-// The center of a step of some length in the direction of a hypothesis.
+// The center after a step of some length in the direction of a hypothesis.
 Eigen::Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length);
 
-// The variance of a covariance along a vector.
+// The variance along a vector.
 double VarianceAlong(const Eigen::Matrix3d& covariance,
                      const Eigen::Vector3d& vector);
 
@@ -169,16 +170,15 @@ double VarianceAlong(const Eigen::Matrix3d& covariance,
 Steps MakeSteps(const std::vector<StepHypotheses>& measured,
                 std::vector<double> durations);
 
-// Whether a motion other than that with the largest share has support, and goes
-// on in a neighboring step.
+// Whether a competing motion has support and also fits an adjacent frame pair.
 bool HasRivals(const Steps& steps, size_t k);
 
-// The candidates of a step, those without a distance once for each distance to
-// try.
+// The candidates of a step, with one candidate for each distance to try if the
+// distance is free.
 std::vector<Candidate> TryDistances(const Steps& steps, size_t k);
 
-// Hypotheses agree within this share of the longer step, plus a share of the
-// median step, and within an angle.
+// Hypotheses agree within this fraction of the longer step, plus a fraction of
+// the median step, and within an angle.
 inline constexpr double kRelativeTolerance = 0.2;
 
 }  // namespace mgsfm

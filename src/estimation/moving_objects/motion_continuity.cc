@@ -30,14 +30,15 @@ constexpr size_t kMaxNumSkipped = 7;
 constexpr double kSkipCost = 4.0;
 // Cost above that of any jump that a skip could avoid.
 constexpr double kNeverSkip = 1e4;
-// Weight of the share of matches: a vehicle has four times as many as the
-// static scene for tens of frames. With 1, a path followed one for 38 steps.
+// Weight of the fraction of matches: a vehicle has four times as many as the
+// static scene for tens of frames. With 1, the path followed a vehicle for 38
+// steps.
 constexpr double kShareWeight = 0.5;
 // Weight of the logarithm of the relative reach. On eight drives, 38 steps are
 // unknown with 1 and 12 with 2 or 3, and 20 are wrong with each.
 constexpr double kNearnessWeight = 2.0;
-// A step without a distance fits any speed, so that one with a distance that
-// continues the motion must be preferred.
+// Prefers steps with a distance that continues the motion: a step without a
+// distance fits any speed.
 constexpr double kFreeDistanceCost = 1.0;
 // Scale of the loss of the squared change of the motion. Half or twice the
 // value changes no error.
@@ -46,12 +47,12 @@ constexpr double kLossScale = 30.0;
 // instead of 64 % of the wrong steps of 200 drives had a margin below 3, and
 // 1.9 and 1.0 instead of 1.3 % of the right ones.
 constexpr double kDistinct = 2.0;
-// A step is ambiguous if the odds of another motion exceed 1 to 20.
+// A step is ambiguous if the odds of another motion exceed 1 in 20.
 constexpr double kMinMargin = 3.0;
 // Pairs of neighbors bridge fewer steps. 28 of 450 groups of ambiguous steps
 // on 200 drives were larger.
 constexpr size_t kMinNumAmbiguous = 3;
-// At most this many steps between those of a group.
+// Maximum number of steps between ambiguous steps of a group.
 constexpr size_t kMaxNumBetween = 2;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
@@ -104,7 +105,8 @@ class MotionSearch {
     return skip_cost_before_[end] - skip_cost_before_[begin];
   }
 
-  // The cost of a free distance that differs from those by matches with depth.
+  // The cost of the difference between a free distance and the distances by
+  // depth.
   static double CostOfDistance(const Candidate& candidate,
                                const Vector3d& center) {
     double lowest = candidate.measured.empty() ? 0.0 : kInfinity;
@@ -262,8 +264,8 @@ Mask FindAmbiguous(const std::vector<double>& margins,
   return is_ambiguous;
 }
 
-// A motion with depth that took the rotation and direction of image pairs for
-// the search gets back its own: pairs next to vehicles are biased.
+// Restores motions by depth whose rotation and direction were replaced by those
+// of image pairs for the search, because pairs next to vehicles are biased.
 void RestoreMotionsByDepth(const std::vector<double>& durations,
                            ChosenMotions* chosen) {
   for (size_t k = 0; k < chosen->size(); ++k) {
@@ -273,8 +275,8 @@ void RestoreMotionsByDepth(const std::vector<double>& durations,
   }
 }
 
-// Interpolates the distances that the chosen hypotheses do not have. Their
-// errors grow with the number of steps to a known one.
+// Interpolates the distances that the chosen hypotheses lack. Errors grow with
+// the number of steps to a known distance.
 void InterpolateDistances(const Steps& steps, ChosenMotions* chosen) {
   std::vector<size_t> known;  // steps with a distance
   for (size_t k = 0; k < chosen->size(); ++k) {
@@ -308,8 +310,8 @@ void InterpolateDistances(const Steps& steps, ChosenMotions* chosen) {
   }
 }
 
-// The covariances of motions do not contain what all steps share, such as a
-// wrong calibration: how much their measurements disagree shows it.
+// The covariances of motions do not include errors that all steps share, such
+// as a wrong calibration. The disagreement of their measurements reveals these.
 void AddDisagreement(const Steps& steps, ChosenMotions* chosen) {
   for (size_t k = 0; k < chosen->size(); ++k) {
     if (!(*chosen)[k]) continue;
@@ -331,8 +333,8 @@ Velocity Mean(const Velocity& a, const Velocity& b, const MotionNoise& noise) {
               0.25 * (a.angular_covariance + b.angular_covariance)};
 }
 
-// Places of all frames of one sequence. A step is unknown if it is ambiguous,
-// or if it has no hypothesis and nothing suggests that one was outvoted.
+// Places all frames of one sequence. A step is unknown if it is ambiguous, or
+// if it has no hypothesis and there is no sign that the true one was outvoted.
 std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
                                          const Steps& steps,
                                          const Mask& is_doubtful,
@@ -371,7 +373,7 @@ std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
   return places;
 }
 
-// Adds the places of one sequence. Returns the number of the next stretch.
+// Adds the places of one sequence. Returns the number of the next segment.
 int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
                    const std::vector<StepHypotheses>& measured,
                    const MotionComparison& compare, int first_stretch,

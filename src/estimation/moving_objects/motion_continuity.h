@@ -54,26 +54,26 @@ namespace mgsfm {
 // Limits. If the static scene is never seen next to an object, or not before
 // and after it, the object is the scene.
 
-// Where a rig is along its motion. Frames of different stretches, or of none,
+// The pose of a rig along its motion. Frames of different segments, or of none,
 // are not comparable.
 struct RigPath {
   struct Place {
     int stretch = 0;
-    // Unknown steps near objects between the start of the sequence and here.
+    // Number of unknown steps near objects since the start of the sequence.
     int num_ambiguous = 0;
     Rigid3 rig_from_start = {};
-    // Sums over the steps from the start, in its axes: the difference of two
-    // places has the covariances of the steps between them.
+    // Sums over the steps since the start, in its axes: the difference of two
+    // poses has the covariances of the steps between them.
     Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
     Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
 
     void Move(const MeasuredMotion& step);
   };
   std::vector<std::optional<Place>> of_frame;
-  // Per frame: hypotheses disagree about a step from or to it.
+  // Per frame: whether hypotheses disagree about a step from or to it.
   Mask is_contested;
-  // Per frame: the steps before it in its sequence without a hypothesis that
-  // was chosen.
+  // Per frame: the number of steps before it in its sequence without a chosen
+  // hypothesis.
   std::vector<int> num_unknown;
   MotionNoise noise;  // the largest of all sequences
 
@@ -90,9 +90,9 @@ struct RigPath {
   }
   // Whether two motions agree within tolerance.
   bool AreSimilar(const Rigid3& a, const Rigid3& b) const;
-  // Of the difference of two measurements, beyond that of precise ones.
+  // The tolerance for two measurements, in addition to their own noise.
   double RotationToleranceRad() const { return 2.0 * noise.rotation_rad; }
-  // later_from_earlier of comparable frames.
+  // later_from_earlier of two comparable frames.
   Rigid3 Between(int earlier, int later) const {
     return of_frame[later]->rig_from_start *
            of_frame[earlier]->rig_from_start.Inverse();
@@ -139,10 +139,10 @@ using MotionComparison = std::function<MotionExclusion(
 
 // `hypotheses` has one item per step of each sequence of the order. Without
 // `compare`, motions that differ exclude each other. Steps without a choice
-// have the mean velocity of their neighbors. More than seven of them, or fewer
-// that take as long, begin another stretch, and so do ambiguous ones and one
-// far from any whose hypotheses disagree: nothing suggests that its true motion
-// was outvoted.
+// have the mean velocity of their neighbors. A new segment begins after more
+// than seven such steps, or fewer that take as long, after ambiguous steps, and
+// after such a step far from competing hypotheses: nothing suggests that its
+// true motion was outvoted.
 [[nodiscard]] RigPath FindRigPath(
     const TemporalOrder& order, int num_frames,
     const std::vector<std::vector<StepHypotheses>>& hypotheses,

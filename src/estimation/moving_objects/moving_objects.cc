@@ -30,10 +30,10 @@ using FramePair = FramePairIndex::FramePair;
 //
 // An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
-// Matches of a pair whose pose the path predicts; without a prediction, a pair
-// needs more. docs/results/constants.md compares 5 to 15 on weak drives.
+// Minimum number of matches of a pair whose pose the path predicts; other pairs
+// need more. docs/results/constants.md compares 5 to 15 on weak drives.
 constexpr int kMinNumPredicted = 8;
-// Fewer contradicting matches do not bias the relative pose of a pair.
+// A smaller fraction of contradicting matches does not bias a relative pose.
 constexpr double kMaxContradicting = 0.1;
 
 // A pair next to an object.
@@ -49,7 +49,7 @@ bool IsContested(const MotionProblem& problem, const RigPath& path,
 using PlacedPairs = std::vector<std::optional<MeasuredMotion>>;
 
 // Motions are refined next to objects. Where no match measures a motion between
-// the frames, nothing is expected of their pairs.
+// the frames, their pairs have no expected pose.
 PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
                         const Context& context) {
   const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
@@ -77,7 +77,7 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
   return placed;
 }
 
-// Expects pairs only of sensors whose places in the rig are known.
+// Predicts only pairs of sensors with known poses in the rig.
 std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
                                       const RigPath& path,
                                       const Context& context) {
@@ -102,9 +102,9 @@ const ImagePair& SourceOf(const MotionProblem& problem, const ImagePair& pair) {
   return *FindPair(problem.matches, pair.image_idx1, pair.image_idx2);
 }
 
-// Keypoints on moving objects: their matches contradict what is expected of
-// pairs more often than they agree. Most keypoints of an object have no depth
-// in their own frame, but a match with one that has.
+// Keypoints on moving objects: most of their matches contradict the expected
+// poses of pairs. Most keypoints of an object have no depth in their own frame,
+// but a match with a keypoint that has one.
 class MovingKeypoints {
  public:
   MovingKeypoints(const MotionProblem& problem,
@@ -163,7 +163,8 @@ std::vector<Match> AgreeingMatches(const MotionProblem& problem,
   return agreeing;
 }
 
-// The pair to verify: its matches before verification that agree with the path.
+// The pair to verify: matches from before verification that agree with the
+// path.
 ImagePair SelectMatches(const MotionProblem& problem,
                         const MovingKeypoints& moving,
                         const ExpectedPair& expected) {
@@ -183,8 +184,8 @@ ImagePair SelectMatches(const MotionProblem& problem,
   return selected;
 }
 
-// Estimates pairs from the matches that agree with what is expected of them.
-// Returns the pairs that succeed, with their poses.
+// Estimates pairs from the matches that agree with their expected poses.
+// Returns the pairs for which this succeeds, with their poses.
 std::vector<ExpectedPair> VerifyPairs(
     const MotionProblem& problem, const RigPath& path,
     const std::vector<ExpectedPair>& expected,
@@ -246,8 +247,8 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
-// Where no match measures the motion of the rig between two frames, pairs of
-// which most matches are of keypoints that move elsewhere show an object.
+// Where no match measures the motion of the rig between two frames, rejects
+// pairs with mostly moving keypoints: they show an object.
 void RejectObjects(const MotionProblem& problem, const RigPath& path,
                    const std::vector<ExpectedPair>& expected,
                    Mask* pair_is_discontinuous) {
@@ -275,7 +276,7 @@ void RejectObjects(const MotionProblem& problem, const RigPath& path,
   }
 }
 
-// The relative poses of pairs next to objects and of those within frames.
+// The relative poses of pairs next to objects and of pairs within frames.
 std::vector<std::optional<Rigid3>> PosesNearObjects(
     const MotionProblem& problem, const RigPath& path,
     const std::vector<ExpectedPair>& expected) {
@@ -293,7 +294,8 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
   return poses;
 }
 
-// Estimates the pairs next to objects again, from matches that agree.
+// Estimates the pairs next to objects again from matches that agree with the
+// path.
 MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                              const ViewGraphOptions& verification,
                              const Context& context) {
@@ -311,7 +313,7 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   ViewGraphOptions of_prediction = verification;
   of_prediction.min_num_inliers =
       std::min(*verification.min_num_inliers, kMinNumPredicted);
-  // The second round starts from the poses that the first has found.
+  // The second round starts from the poses of the first.
   for (int round = 0; round < 2; ++round) {
     judged = VerifyPairs(problem, path, judged, of_prediction, context,
                          &motion.pair_of_scene);
@@ -347,7 +349,7 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
   return motion;
 }
 
-// Pairs of neighbors across an ambiguous step.
+// Rejects pairs of neighbors across an ambiguous step.
 void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
                      MotionOfScene* motion) {
   AmbiguousSteps steps = FindAmbiguousSteps(index, path);
@@ -358,7 +360,7 @@ void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
          &motion->verdicts);
 }
 
-// The displacement that moves a keypoint by max_error_px, in the median.
+// The displacement that moves a keypoint by max_error_px (median).
 double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
                          double max_error_px) {
   std::vector<double> displacements;

@@ -19,20 +19,20 @@ struct MotionOptions {
   const PairFilteringOptions& filtering;
 };
 
-// How the static scene moves relative to the rig in a sequence, where matches
-// support other motions, too. All empty if none do.
+// The motion of the static scene relative to the rig in a sequence whose
+// matches also support other motions. Everything is empty if none do.
 struct MotionOfScene {
-  // Per pair of the view graph: its matches do not show the static scene, or
-  // its motion is ambiguous.
+  // Per pair of the view graph: rejected if its matches do not show the static
+  // scene, or if its motion is ambiguous.
   PairVerdicts verdicts;
-  // Per pair: its matches on the static scene, and the relative pose they
+  // Per pair: its matches on the static scene and the relative pose that they
   // imply, if both are known.
   std::vector<std::optional<ImagePair>> pair_of_scene;
   // cam2_from_cam1 on the path, for pairs near an object, and the relative
   // poses of pairs within frames, in one unit of length.
   std::vector<std::optional<Rigid3>> pair_on_path;
-  // Per frame: the motion from or to it is unknown, because an object explains
-  // it as well as the static scene.
+  // Per frame: whether the motion from or to it is unknown, because an object
+  // explains it as well as the static scene.
   Mask frame_is_ambiguous;
 };
 
@@ -48,12 +48,12 @@ struct MotionOfScene {
 //               pose anew. Pairs without enough of them are discontinuous;
 //               those across a step whose motion is ambiguous have none.
 //
-// `matches` is the view graph before its estimation: where a vehicle dominates
-// an image, the matches of the static scene are outliers of its pairs.
+// `matches` is the view graph before estimation: where a vehicle dominates an
+// image, matches of the static scene are outliers of its pairs.
 //
-// Rigs without overlapping views give no depths. Motions are then those of
-// their pairs, by their own rotations and with lengths by scale averaging, and
-// pairs are judged by their own poses.
+// Rigs without overlapping views have no depths. Motions are then those of
+// their pairs, with the rotations of the pairs and lengths from scale
+// averaging, and pairs are judged by their own poses.
 [[nodiscard]] MotionOfScene FindMovingObjects(const MotionInput& input,
                                               const MotionOptions& options,
                                               const Context& context);

@@ -23,17 +23,18 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
 // A pair contradicts the path beyond this angle: the error of pairs with the
 // minimum number of matches.
 constexpr double kMaxRotationError_rad = DegToRad(1.0);
-// Displacements below this share of the median step are noise.
+// Displacements below this fraction of the median step are noise.
 constexpr double kMinDisplacement = 0.2;
-// Error of the baseline, relative to its length, of pairs that support a motion
-// by their own poses. Half and twice the value change errors by at most 2 %.
+// Maximum baseline error, relative to the length, of pairs that support a
+// motion by their own poses. Half and twice the value change errors by at most
+// 2 %.
 constexpr double kMaxSupportError = 0.1;
 // 95 % of the errors of a pair along a direction are smaller, in standard
 // deviations.
 constexpr double kNumSigmasOfMatch = 1.96;
-// If the motion of more steps is ambiguous, the motions are wrong rather than
-// ambiguous: those of a mirrored camera, for example. On 132 moderate and hard
-// drives, at most 4.5 % are.
+// If more steps are ambiguous, the motions are wrong rather than ambiguous, for
+// example with a mirrored camera. At most 4.5 % of steps are ambiguous on 132
+// moderate and hard drives.
 constexpr double kMaxAmbiguous = 0.1;
 
 // Shorter displacements are noise.
@@ -47,14 +48,15 @@ double SigmaAlong(const Matrix3d& covariance, const Vector3d& error) {
   return std::sqrt(std::max(0.0, VarianceAlong(covariance, error)));
 }
 
-// Pairs support a motion if they are close to it.
+// A copy with strict tolerances: pairs support a motion only if they are close
+// to it.
 MotionProblem Strict(const MotionProblem& problem) {
   MotionProblem strict = problem;
   strict.max_relative_baseline_error = kMaxSupportError;
   return strict;
 }
 
-// The number of matches of pairs whose own poses agree with a motion between
+// The number of matches in pairs whose own poses agree with a motion between
 // two frames.
 size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
                       int earlier, int later,
@@ -78,7 +80,7 @@ size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
   return num_matches;
 }
 
-// The frames beside the steps.
+// The frames adjacent to the steps.
 Mask FramesBeside(const TemporalOrder& order, const RigPath& path) {
   Mask is_beside(path.of_frame.size(), false);
   int num_steps = 0, num_ambiguous = 0;

@@ -24,8 +24,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
 
-// The static scene, a vehicle and one more. With one or six, mean errors change
-// by at most 2 % (docs/results/constants.md).
+// The static scene, one vehicle and one more object. With one or six, mean
+// errors change by at most 2 % (docs/results/constants.md).
 constexpr size_t kMaxNumMotions = 3;
 // Three matches determine a motion. Each of the others agrees by chance with a
 // probability of about 1e-3.
@@ -34,8 +34,8 @@ constexpr size_t kMinNumAgreeing = 8;
 // Half or twice the value changes mean errors by at most 2 %
 // (docs/results/constants.md).
 constexpr double kMinOwnShare = 0.05;
-// Fewer are mismatches and errors of depths: on recorded drives without
-// vehicles, the first motion leaves a tenth.
+// A smaller remainder consists of mismatches and depth errors: on recorded
+// drives without vehicles, the first motion leaves a tenth.
 constexpr double kMinRemainingShare = 0.1;
 // Finds a motion that 30 % of the correspondences support with a probability of
 // 0.9997.
@@ -43,9 +43,9 @@ constexpr int kMaxNumTrials = 300;
 // Bounds of the refinement before its last round, in units of max_error_px. An
 // interpolated motion is wrong by about a degree.
 constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0};
-// Loss scale, relative to the bound: that of RANSAC (geometry/absolute_pose.h).
+// Loss scale relative to the bound, as in RANSAC (geometry/absolute_pose.h).
 constexpr double kRefinementLossScale = 0.5;
-// The same depth within a factor of 1.5, however certain both are.
+// Depths agree within a factor of 1.5, however certain both are.
 const double kLogDepthTolerance = std::log(1.5);
 
 // The points of the keypoints of image 1 of a pair and their rays in image 2,
@@ -92,7 +92,7 @@ struct Correspondences {
   std::vector<CameraPoints> cameras;
   bool has_later_points = false;
 
-  // The pose that they determine is that of the other frame.
+  // The pose determined by correspondences is the pose of the other frame.
   Rigid3 ToMotion(const Rigid3& pose) const {
     return has_later_points ? pose.Inverse() : pose;
   }
@@ -113,7 +113,7 @@ Correspondences Collect(const FrameMatches& input, bool has_later_points,
   return collected;
 }
 
-// The correspondences with the points of whichever frame has more.
+// The correspondences with the points of the frame that has more of them.
 Correspondences CollectMost(const FrameMatches& input, double max_error_px) {
   Correspondences earlier = Collect(input, false, max_error_px);
   Correspondences later = Collect(input, true, max_error_px);
@@ -142,8 +142,8 @@ void KeepRays(const Rigid3& unit_from_world, double bound, bool keep_agreeing,
   }
 }
 
-// The motion of a pose, with the noise that the median error of its inliers
-// tells.
+// The motion of a pose, with the noise implied by the median error of its
+// inliers.
 MeasuredMotion MeasureMotion(const Correspondences& all, const Rigid3& pose) {
   std::vector<CameraPoints> inliers = all.cameras;
   KeepRays(pose, 1.0, /*keep_agreeing=*/true, &inliers);
@@ -212,7 +212,7 @@ bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
                   ray_b, tolerance_rad)) {
     return true;
   }
-  // The distance to the intersection, by the areas of two triangles.
+  // The distance to the intersection, from the areas of two triangles.
   const double area_by_baseline = t.cross(ray_b).norm();
   const double area = turned.cross(ray_b).norm();
   return area_by_baseline > 0.0 && area > 0.0 &&
@@ -234,7 +234,8 @@ struct AgreementCounts {
                ? 0.0
                : static_cast<double>(num_only) / static_cast<double>(num_all);
   }
-  // The smaller share of either, and the share of the first motion.
+  // The smaller fraction of either motion, and the fraction of the first
+  // motion.
   double Exclusion() const {
     return Share(std::min(num_only1, num_only2),
                  num_both + num_only1 + num_only2);
@@ -287,7 +288,7 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
   }
   Matrix3d& center_covariance = hypothesis.center_covariance;
   if (!pair_direction) {
-    // Shorter motions would not show.
+    // Shorter motions are not visible.
     center_covariance = problem.noise_displacement *
                         problem.noise_displacement * Matrix3d::Identity();
     return hypothesis;

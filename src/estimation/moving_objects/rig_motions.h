@@ -20,7 +20,7 @@ namespace mgsfm {
 // The motions of a rig between two frames that their matches support.
 //
 // Matches between two frames show the static scene, vehicles, and structures
-// that look alike. The relative pose of one image pair cannot tell them apart:
+// that look alike. The relative pose of one image pair cannot distinguish them:
 // a vehicle ahead moves along the epipolar lines of the scene. Depths from
 // pairs within a frame can. A keypoint with a known depth is a 3D point of one
 // frame, and its match a ray of the other. Each motion is the generalized
@@ -29,14 +29,14 @@ namespace mgsfm {
 //
 //   max_(R,t) #{ m : angle(R p_m + t, f_m) <= max_error },
 //
-// where errors along the epipolar line count relative to the standard deviation
-// of the depth (geometry/absolute_pose.h): far points are as uncertain as they
-// are numerous, and would otherwise bend the motion. The search is repeated
-// among the correspondences that no earlier motion explains. The first motion
-// is not more credible than the others: a lorry may have more keypoints than
-// the street. But it hides the street behind it and is smaller, so that the
-// reach of its points tells more than their number. motion_continuity.h
-// decides.
+// where errors along the epipolar line are divided by the standard deviation of
+// the depth (geometry/absolute_pose.h): distant points are numerous but
+// uncertain, and would otherwise bias the motion. The search is repeated among
+// the correspondences that no earlier motion explains. The first motion is not
+// more credible than the others: a truck may have more keypoints than the
+// street. But the truck hides the street behind it and is smaller, so the depth
+// extent of its points is better evidence than their number.
+// motion_continuity.h decides.
 //
 // Cost: RANSAC on a few hundred correspondences per motion.
 
@@ -65,8 +65,8 @@ struct FrameMatches {
 // Compares a match with the relative pose of its images, in the unit of the
 // depths: by the epipolar constraint and by those depths that are known, within
 // their standard deviations. A depth also agrees if the intersection of both
-// rays has the same one up to a factor of 1.5: errors of the places of sensors
-// and of the motion are not part of its standard deviation.
+// rays has the same depth up to a factor of 1.5: its standard deviation does
+// not include errors of the motion and of sensor poses.
 enum class MatchVerdict {
   kContradicts,
   kIsOnEpipolarLine,  // no depth is known: it may still move
@@ -81,7 +81,7 @@ enum class MatchVerdict {
 // Matches of keypoints with depth determine a motion with its distance, but
 // where a vehicle fills the overlapping views, few of them show the static
 // scene. Single cameras that look elsewhere still see it. Their relative poses
-// have the right rotation and direction, without a distance.
+// have the correct rotation and direction, but no distance.
 
 // The measurements, and the settings that all steps share.
 struct MotionProblem : MotionInput {
@@ -98,9 +98,9 @@ struct MotionProblem : MotionInput {
   }
 };
 
-// The relative pose of a pair of `earlier_frame_idx` and another frame, given
-// the motion between them. nullopt unless the poses of its sensors in the rig
-// are known.
+// The relative pose of an image pair of `earlier_frame_idx` and another frame,
+// given the motion between the frames. nullopt unless the poses of both sensors
+// in the rig are known.
 [[nodiscard]] std::optional<Rigid3> RelativePoseBy(
     const MotionProblem& problem, const ImagePair& pair, int earlier_frame_idx,
     const Rigid3& later_from_earlier);
@@ -109,33 +109,33 @@ struct MotionProblem : MotionInput {
 [[nodiscard]] double ToleranceOf(const MotionProblem& problem,
                                  const ImagePair& pair);
 
-// Compares two motions by all matches, since the matches of the static scene
-// are outliers of the pairs that a vehicle dominates, but only between images
-// of one sensor: matches of different sensors also show errors of their places
-// in the rig. Matches with depth, which tell a motion along epipolar lines, and
-// those without count apart.
+// Compares two motions by all matches, because static matches are outliers of
+// the pairs that a vehicle dominates. Only images of one sensor are compared:
+// matches of different sensors also reveal errors of their poses in the rig.
+// Matches with depth, which constrain motion along epipolar lines, and those
+// without are counted separately.
 [[nodiscard]] MotionExclusion ExclusionOf(const MotionProblem& problem,
                                           int earlier_frame_idx,
                                           int later_frame_idx,
                                           const Rigid3& motion1,
                                           const Rigid3& motion2);
 
-// The covariance of the rotation vector and the direction of a relative pose
-// with a baseline, by the residuals of its matches.
+// The covariance of the rotation vector and of the direction of a relative pose
+// with a baseline, from the residuals of its matches.
 [[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOf(
     const MotionProblem& problem, const ImagePair& pair);
 
-// The standard deviation of a keypoint, relative to the epipolar tolerance,
+// The standard deviation of a keypoint relative to the epipolar tolerance,
 // which thus includes 95 % of normal errors.
 inline constexpr double kKeypointNoise = 0.5;
-// Errors of depths add to those of keypoints.
+// Errors of depths are added to those of keypoints.
 inline constexpr double kDepthErrorFactor = 2.0;
 
 // The hypotheses of each step of each sequence.
 using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
 
-// Motions that correspondences with depth support, and those of pairs of equal
-// sensors whose places in the rig are known, without distances.
+// Motions that correspondences with depth support, and motions, without
+// distances, of pairs of equal sensors whose poses in the rig are known.
 [[nodiscard]] SequenceHypotheses FindHypothesesByDepths(
     const MotionProblem& problem, const Context& context);
 

@@ -9,8 +9,8 @@
 
 namespace mgsfm {
 
-// Groups rejected pairs whose frames are, at both ends, at most three apart in
-// the order of the scene. Largest group first.
+// Groups rejected pairs whose first frames, and whose second frames, are at
+// most three apart in the order of the scene. Largest group first.
 std::vector<RejectedGroup> GroupRejectedPairs(const FramePairIndex& index,
                                               const Mask& pair_is_rejected);
 

@@ -58,7 +58,7 @@ bool RejectsTooMany(size_t num_rejected, size_t num_judged) {
 
 namespace {
 
-// Angle between the measured relative rotation and that of the skeleton;
+// Angle between the measured relative rotation and the one of the skeleton;
 // nullopt if the skeleton does not connect the images.
 std::optional<double> DeviationFromSkeleton(
     const Scene& scene, const ImagePair& pair,
@@ -157,9 +157,9 @@ Mask FindInconsistentBaselines(const PairEvidence& evidence,
 }
 
 std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
-  // The first bound is loose because one camera drifts in scale and loops must
-  // close. Small steps drop the worst pairs before the others are judged.
-  // docs/results/constants.md compares fewer and more of them.
+  // The first bound is loose because a single camera drifts in scale and loops
+  // must still close. Small steps drop the worst pairs before the others are
+  // judged. docs/results/constants.md compares other numbers of steps.
   constexpr double kDivisors[] = {1.0, 2.0, 4.0, 10.0};
   std::vector<double> bounds;
   for (const double divisor : kDivisors) {

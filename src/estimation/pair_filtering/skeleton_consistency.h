@@ -21,7 +21,7 @@ enum class DriftGrowth {
   // Independent errors of the edges: the standard deviation of their sum grows
   // with the square root of the path length.
   kRandomWalk,
-  // Errors that persist, such as those of scale and heading.
+  // Persistent errors, such as those of scale and heading.
   kProportional,
 };
 
@@ -60,10 +60,10 @@ class DriftBound {
 // must be wrong rather than the pairs.
 bool RejectsTooMany(size_t num_rejected, size_t num_judged);
 
-// Pairs whose relative rotation contradicts the rotations of the skeletal graph
-// alone by more than its drift explains. Duplicate structures are often only
-// some degrees off; many of them break the trajectory at places that few
-// correct pairs hold together.
+// Pairs whose relative rotation differs from the rotations of the skeletal
+// graph by more than its drift explains. Duplicate structures are often only
+// some degrees off; many of them break the trajectory where only few correct
+// pairs connect it.
 //
 // Let d be the angle between the relative rotation of a pair and that of the
 // skeleton, sigma the robust standard deviation of all d per axis, and l the
@@ -81,16 +81,16 @@ bool RejectsTooMany(size_t num_rejected, size_t num_judged);
     const PairEvidence& evidence, const Mask& is_in_skeleton,
     const RotationEstimate& by_skeleton);
 
-// Pairs of duplicate structures can have the right rotation, and on a straight
-// road the right direction. Their length cannot be right: matches that they
-// share with correct pairs determine it.
+// Pairs of duplicate structures can have the correct rotation, and on a
+// straight road the correct direction. Their baseline length is wrong, and
+// matches that they share with correct pairs measure it.
 
 // The baseline m = c_2 - c_1 between the cameras of a pair as measured, in the
-// unit of length of the positions it is compared with.
+// unit of length of the positions that it is compared with.
 struct MeasuredBaseline {
   Eigen::Vector3d baseline_in_world = Eigen::Vector3d::Zero();
   double typical_depth = 0.0;  // median depth of the points of all pairs
-  // False if matches do not link its length to that of most other pairs.
+  // False if matches do not link the length to that of most other pairs.
   bool is_comparable = true;
 };
 
@@ -133,14 +133,14 @@ std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options);
 //   |C - m| > max_relative_baseline_error * max(|C|, |m|)   and
 //   |C - m| > max_baseline_error_in_depths * typical depth.
 //
-// The second condition spares loop closures, which miss by the drift. Per pair
+// The second condition spares loop closures, whose error is the drift. Per pair
 // of the view graph; false where a baseline or a position is missing.
 [[nodiscard]] Mask FindInconsistentPairs(const ViewGraph& view_graph,
                                          const BaselineComparison& comparison,
                                          const PairFilteringOptions& options);
 
 // Number of pairs of the skeletal graph that its own positions satisfy and
-// other positions violate: they contradict the pair, or do not contain both of
+// other positions violate: these positions contradict the pair, or lack one of
 // its images.
 int CountViolatedSkeletonEdges(const ViewGraph& view_graph,
                                const Mask& is_in_skeleton,

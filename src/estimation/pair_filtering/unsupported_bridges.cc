@@ -36,7 +36,7 @@ struct LinkGraph {
 };
 
 // A frame in the depth-first forest of the link graph. The frames below it are
-// those entered from `enter` to before `leave`.
+// entered at the numbers [enter, leave).
 struct VisitedFrame {
   int root = 0;
   std::optional<size_t> link_to_parent;
@@ -185,7 +185,7 @@ int CountMatchesAgainst(const PairEvidence& evidence,
   return num_matches;
 }
 
-// The links without which parts of the frames come apart.
+// The links whose removal disconnects frames.
 Mask FindBridges(const PairEvidence& evidence, const LinkGraph& graph) {
   Mask is_unsupported(evidence.pair_is_used.size(), false);
   const DepthFirstForest forest = VisitDepthFirst(graph);

@@ -63,8 +63,8 @@ void RefineNewFrames(const PassInput& input, const Mask& frame_is_new,
   }
 }
 
-// Resects the frames without a pose. Returns the mask of the frames that were
-// added, or nullopt if neither a frame nor a sensor was.
+// Resects the frames without a pose. Returns the mask of added frames, or
+// nullopt if neither a frame nor a sensor was added.
 std::optional<Mask> AddPass(const PassInput& input, ExtendedModel* extended) {
   const ResectionResult result =
       ResectFrames(input.scene, input.bearings, input.view_graph,

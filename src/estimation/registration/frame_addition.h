@@ -46,7 +46,7 @@ struct ExtendedModel {
     const FrameAdditionInput& input, const ResectionOptions& options,
     const Context& context);
 
-// Whether the known pose of a sensor tells a length.
+// Whether the known pose of a sensor determines a length.
 [[nodiscard]] bool HasKnownLength(const Sensor& sensor);
 
 }  // namespace mgsfm

@@ -42,8 +42,9 @@ Reconstruction SideOf(const SidesInput& input, bool is_beyond) {
   return side;
 }
 
-// The points of the other side that the images of one observe by their matches,
-// with the side as the unit: its frame is the world of the model.
+// The points of the other side that the images of one side observe according to
+// their matches, with the side as the unit: its frame is the world of the
+// model.
 std::vector<CameraPoints> MatchesOfSide(const SidesInput& input, bool is_beyond,
                                         int num_threads) {
   const Scene& scene = input.scene;
@@ -77,7 +78,8 @@ std::vector<CameraPoints> MatchesOfSide(const SidesInput& input, bool is_beyond,
   return cameras;
 }
 
-// The matches of both sides, each with the pose of its side in the other one.
+// The matches of both sides, each with the pose of its side relative to the
+// other.
 using BothSides = std::array<std::vector<CameraPoints>, 2>;
 
 std::vector<double> ErrorsOf(const BothSides& sides,

@@ -42,7 +42,7 @@ struct SidesInput {
 [[nodiscard]] std::optional<Rigid3> FindMotionOfSide(const SidesInput& input,
                                                      const Context& context);
 
-// Whether a count is larger than another one beyond the noise of both.
+// Whether a count exceeds another beyond the noise of both.
 [[nodiscard]] bool IsSignificantlyMore(int count, int other);
 
 }  // namespace mgsfm

@@ -18,7 +18,7 @@ namespace {
 constexpr double kMaxChance = 1e-4;
 constexpr double kDegreesOfFreedom = 9.0;  // of ten blocks of frames
 // The relative standard deviation of a baseline that counts as exact: small
-// against those that keypoints determine.
+// compared with the precision from keypoints.
 constexpr double kUnitSigma = 1e-4;
 
 double LengthInSigmas(const RigSensor& sensor) {
@@ -43,8 +43,8 @@ struct EstimatedRig {
   std::optional<int> unit_sensor;  // its baseline counts as exact
 };
 
-// The refined sensors of an adjusted model. Only baselines that `allowed` has,
-// too, define a unit of length; null allows all.
+// The refined sensors of an adjusted model. Only baselines that are also in
+// `allowed` define a unit of length; null allows all.
 EstimatedRig EstimateRig(const Scene& scene, const Reconstruction& model,
                          CovarianceResult covariances,
                          const std::optional<RigDelays>& delays,
@@ -85,8 +85,8 @@ SensorPosePrior ToPrior(const RigSensor& sensor) {
   SensorPosePrior prior{sensor.sensor_from_rig};
   for (int k = 0; k < size; ++k) {
     const double sigma = std::sqrt(std::max(eigen.eigenvalues()[k], 0.0));
-    // Larger standard deviations, in radians and baselines, tell nothing;
-    // smaller ones than 1e-6 are within rounding errors.
+    // Larger standard deviations, in radians and baselines, are uninformative;
+    // those below 1e-6 are within rounding errors.
     if (sigma > 10.0) continue;
     prior.sqrt_information.row(k).head(size) =
         eigen.eigenvectors().col(k).cwiseProduct(scale.head(size)) /
@@ -220,7 +220,7 @@ std::vector<RigDifference> SharedCalibration::FindDifferences(
     }
     return differences;
   };
-  // Delays and overdispersion only excuse differences.
+  // Delays and overdispersion can only explain differences.
   if (compare(std::nullopt).empty()) return {};
   return compare(estimate_delays());
 }

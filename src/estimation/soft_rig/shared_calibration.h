@@ -33,7 +33,7 @@ using RigSensors = std::vector<std::optional<RigSensor>>;  // per sensor
 // keypoints of another model tell nothing about its length.
 class SharedCalibration {
  public:
-  // `lenses` is the prior of intrinsics until a model passes on its own.
+  // `lenses` is the prior of intrinsics until a model contributes its own.
   SharedCalibration(const Scene& scene, CalibrationPrior lenses)
       : scene_(scene),
         sensors_(scene.sensors.size()),
@@ -54,8 +54,8 @@ class SharedCalibration {
   // The prior for a model with the sensors of these frames.
   CalibrationPrior PriorFor(const Mask& has_frame) const;
 
-  // The sensors of a model, adjusted without their prior, that differ from it
-  // more than chance makes 1 of 10,000 sensors differ, given both covariances.
+  // The sensors of a model, adjusted without their prior, that differ from the
+  // prior more than 1 of 10,000 sensors do by chance, given both covariances.
   // Squared differences follow F with nine degrees of freedom, those of the
   // overdispersion of ten blocks of frames.
   std::vector<RigDifference> FindDifferences(

@@ -19,7 +19,7 @@
 namespace mgsfm {
 namespace {
 
-// "." for images that are in no folder.
+// "." for images outside of folders.
 std::string FolderOrDot(const std::string& image_name) {
   const std::string folder = FolderOfName(image_name);
   return folder.empty() ? "." : folder;
@@ -55,7 +55,7 @@ void SetParams(const std::vector<std::string>& texts, const std::string& what,
   camera->has_prior_focal_length = true;
 }
 
-// Also refuses what is doubtful only: the user gives the parameters and knows
+// Also rejects doubtful intrinsics: the user provides the parameters and knows
 // the size of the images.
 void CheckParams(const Camera& camera, const std::string& what) {
   auto problem = WhyImplausible(camera);
@@ -157,7 +157,7 @@ std::vector<double> DefaultParams(const CameraModelInfo& model, int width,
   }
   params[model.principal_point_idxs[0]] = 0.5 * width;
   params[model.principal_point_idxs[1]] = 0.5 * height;
-  // In these models zero is singular or does not mean no distortion.
+  // In these models, zero is singular or does not mean zero distortion.
   if (model.id == CameraModelId::kFov) params.back() = 1e-2;
   if (model.id == CameraModelId::kEucm) params.back() = 1.0;
   return params;

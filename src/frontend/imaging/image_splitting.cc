@@ -46,7 +46,7 @@ std::optional<ImageSize> SizeOfFile(const fs::path& path) {
 
 // ------------------------------------------------------------------- views
 
-// Crops are pinhole images with the principal point of the whole.
+// Crops are pinhole images with the principal point of the whole image.
 View Crop(Camera pinhole, const std::string& name, int x_px, int width_px) {
   pinhole.width_px = width_px;
   pinhole.params[2] -= x_px;
@@ -156,7 +156,7 @@ std::string PrefixOfView(const std::string& folder, const std::string& view) {
          "/";
 }
 
-// The poses of folders of images in their rig, by paths of folders.
+// The poses of image folders in their rig, by folder path.
 using FolderPoses = std::map<std::string, Rigid3>;
 
 FolderPoses ReadFolderPoses(const fs::path& path, const Plan& plan) {
@@ -181,7 +181,7 @@ FolderPoses ReadFolderPoses(const fs::path& path, const Plan& plan) {
   return poses;
 }
 
-// `cam_from_rig` is the pose of the folder in the rig, if it is known.
+// `cam_from_rig` is the pose of the folder in the rig, if known.
 std::vector<RigConfigCamera> CamerasOf(
     const ImageFolder& folder, bool is_reference,
     const std::optional<Rigid3>& cam_from_rig) {
@@ -203,7 +203,7 @@ std::vector<RigConfigCamera> CamerasOf(
   return cameras;
 }
 
-// A rig for each folder that holds folders of panoramas. The first of these is
+// A rig for each folder with subfolders of panoramas. The first subfolder is
 // the reference.
 std::vector<RigConfig> MakeRigs(const Plan& plan, const FolderPoses& poses) {
   std::map<std::string, std::vector<const ImageFolder*>> panoramas, others;
@@ -246,7 +246,8 @@ std::string LineOf(const std::string& folder, const Camera& pinhole) {
   return line + "\n";
 }
 
-// Whether a line `folder MODEL ...` is that of a folder, which may have blanks.
+// Whether a line `folder MODEL ...` belongs to a folder, whose name may have
+// blanks.
 bool IsLineOf(const std::string& folder, std::string_view line) {
   const std::string begin = folder.empty() ? "." : folder;
   if (line.substr(0, begin.size()) != begin) return false;
@@ -255,7 +256,7 @@ bool IsLineOf(const std::string& folder, std::string_view line) {
          FindCameraModel(TakeWord(&line)) != nullptr;
 }
 
-// The lines for the views and, from camera_params_path, for other folders.
+// The lines for the views, and for other folders from camera_params_path.
 std::string MakeCameraFile(const SplittingInput& input, const Plan& plan) {
   std::vector<std::string> given;
   if (!input.camera_params_path.empty()) {

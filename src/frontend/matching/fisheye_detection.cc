@@ -16,23 +16,23 @@
 namespace mgsfm {
 namespace {
 
-// The lenses of fisheye cameras, in steps that change the focal length by less
-// than 10 % from the nearest one.
+// The fields of view of fisheyes to try. The focal length of any lens between
+// them is within 10 % of the nearest one.
 constexpr std::array<double, 5> kFieldsOfViewDeg = {120, 145, 170, 195, 220};
-// At least 240 matches, whose unexplained share has a standard error of 0.014
-// if it is 0.05: kMinDifference is 3.5 times that. The maxima bound the cost.
+// At least 240 matches: an unexplained fraction of 0.05 then has a standard
+// error of 0.014; kMinDifference is 3.5 times that. The maxima bound the cost.
 constexpr size_t kMaxNumSampledPairs = 20;
 constexpr size_t kMinNumSampledPairs = 4;
 constexpr size_t kMinNumMatches = 60;
 constexpr size_t kMaxNumMatches = 250;
-// A share of inliers of 0.5 is found in 220 trials.
+// An inlier ratio of 0.5 is found in 220 trials.
 constexpr int kMaxNumLensTrials = 400;
-// Keypoints are accurate to a fraction of a pixel, so that a tolerance below
-// that of verification tells lenses apart.
+// Keypoints are accurate to a fraction of a pixel, so that a smaller tolerance
+// than for verification distinguishes lenses.
 constexpr double kToleranceFactor = 0.25;
-// Matches that a pinhole leaves unexplained, relative to a fisheye. Rendered
-// drives: 3.3, 5.4 and 4.4 times as many for fisheyes of 115, 121 and 191
-// degrees, 1.9 times for OPENCV of 79 degrees with k1 = -0.28, 0.1 and 0.5
+// Number of matches that a pinhole does not explain, relative to a fisheye.
+// Rendered drives: 3.3, 5.4 and 4.4 times as many for fisheyes of 115, 121 and
+// 191 degrees, 1.9 times for OPENCV of 79 degrees with k1 = -0.28, 0.1 and 0.5
 // times for PINHOLE of 64 and 96 degrees. KITTI 06: 0.9 times.
 constexpr double kMinRatio = 2.5;
 constexpr double kMinDifference = 0.05;
@@ -136,7 +136,7 @@ std::map<int, std::vector<ImageIdxPair>> SelectPairs(
   return pairs_of_camera;
 }
 
-// Shares of the matches that a pinhole and the fisheyes explain.
+// Fractions of the matches that a pinhole and the fisheyes explain.
 struct Shares {
   double perspective = 0.0;
   std::array<double, kFieldsOfViewDeg.size()> fisheyes = {};

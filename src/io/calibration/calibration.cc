@@ -27,7 +27,7 @@ bool HasExtension(const fs::path& path,
          extensions.end();
 }
 
-// The files of a folder, and of those in it, that may be calibrations.
+// The files in a folder and its subfolders that may be calibrations.
 std::vector<fs::path> FilesIn(const fs::path& folder, bool has_subfolders) {
   const fs::path table = folder / "calibrated_sensor.json";
   if (fs::exists(table)) return {table};  // of nuScenes, with many others
@@ -46,7 +46,7 @@ std::vector<fs::path> FilesIn(const fs::path& folder, bool has_subfolders) {
   return files;
 }
 
-// nullopt if the file has none of the formats.
+// nullopt if the file has no known format.
 std::optional<std::vector<CalibratedCamera>> ReadFormat(const fs::path& path) {
   const std::string text = ReadFile(path);
   if (HasExtension(path, {".txt"})) {
@@ -97,7 +97,7 @@ void CheckNames(const std::vector<CalibratedCamera>& cameras) {
   }
 }
 
-// A file per camera, without a rig, places all of them at the origin.
+// Separate files per camera without a rig place all cameras at the origin.
 void ForgetCommonPlace(std::vector<CalibratedCamera>* cameras) {
   const bool is_common = std::all_of(
       cameras->begin(), cameras->end(), [](const CalibratedCamera& camera) {

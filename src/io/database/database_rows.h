@@ -48,7 +48,7 @@ constexpr const char* kConfigureAgain = "; configure the rigs again";
 // finite or the quaternion is zero, which COLMAP writes for "no pose".
 std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec);
 
-// Numbers of a row with rows, cols and data in the columns 1 to 3.
+// The numbers of a row with rows, cols and data in columns 1 to 3.
 struct KeypointBlob {
   const char* data = nullptr;  // valid until the next step
   size_t rows = 0;
@@ -60,8 +60,8 @@ std::vector<Match> DecodeMatches(const SqliteStatement& row,
                                  const std::string& path,
                                  const std::string& name);
 
-// "SELECT pair_id, ... FROM `table`" with the columns that the next reads, NULL
-// for those that old versions lack.
+// "SELECT pair_id, ... FROM `table`" with the columns for the reads below; NULL
+// for columns that old versions lack.
 std::string TwoViewGeometryQuery(const SqliteDatabase& database,
                                  const std::string& table);
 void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
@@ -89,13 +89,14 @@ void WriteRigRows(const std::vector<RigRow>& rigs, SqliteDatabase* database);
 void WriteFrameRows(const std::vector<FrameRow>& frames,
                     SqliteDatabase* database);
 
-// Accepts 2, 4 (scale and orientation) or 6 columns, and completes the shape.
+// Accepts 2, 4 (scale and orientation) or 6 columns, and completes the affine
+// shape.
 std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob);
 
 constexpr int kSiftColumns = 128;
 
-// A row with rows, cols and data in the columns 1 to 3; `name` is that of the
-// image. Throws Error unless the descriptors are SIFT's.
+// A row with rows, cols and data in the columns 1 to 3; `name` is the name of
+// the image. Throws Error unless the descriptors are SIFT's.
 DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
                                    const std::string& path,
                                    const std::string& name);

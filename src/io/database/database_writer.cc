@@ -104,7 +104,7 @@ TwoViewGeometryRow MakePairRow(ImageId image_id1, ImageId image_id2,
                                const ImagePair& pair) {
   TwoViewGeometryRow row{image_id1, image_id2, pair.config, pair.F,
                          pair.E,    pair.H,    {},          pair.matches};
-  // COLMAP's format has no missing translation; zero means no direction.
+  // COLMAP's format cannot omit a translation; zero means no direction.
   if (pair.relative_pose) {
     row.cam2_from_cam1 =
         Rigid3{pair.relative_pose->cam2_from_cam1,

@@ -23,7 +23,7 @@ namespace {
 // Since this version, absent matrices and poses are NULL.
 constexpr int64_t kFirstVersionWithNull = 4000000;
 // Time for other programs to finish before the database counts as in use: long
-// enough for a COLMAP transaction, short enough for a user who waits.
+// enough for a COLMAP transaction, short enough for a waiting user.
 constexpr const char* kBusyTimeout = "PRAGMA busy_timeout = 2000";
 
 int64_t PairIdOf(ImageId a, ImageId b) {
@@ -52,7 +52,7 @@ class FeatureDatabase::Impl {
   const SqliteDatabase& database() const {
     return file_ ? *file_ : snapshot_->database();
   }
-  // Only for databases that are open for writing, and in order to write.
+  // Only for databases that are open for writing, and only for writing.
   SqliteDatabase& file() {
     MGSFM_CHECK_MSG(file_.has_value(), path());
     if (tables_are_pending_ && !is_in_transaction_) Commit();
@@ -66,7 +66,7 @@ class FeatureDatabase::Impl {
   void Begin();
   void Commit();
   void Rollback() noexcept;
-  // Runs `write` in a transaction, the present one if there is one.
+  // Runs `write` in a transaction, the current one if there is one.
   template <class Function>
   void InTransaction(const Function& write) {
     if (is_in_transaction_) return write();
@@ -108,13 +108,13 @@ class FeatureDatabase::Impl {
  private:
   void CheckTables() const;
   // Begins a transaction that adds missing tables and columns. The first write
-  // commits it, so that a run that writes nothing leaves the file as it was.
+  // commits it, so that a run without writes does not change the file.
   void AddTables();
   bool HasPriorColumn(const std::string& column) const {
     return prior_columns_.count(column) > 0;
   }
 
-  // One of them.
+  // Exactly one of these is set.
   std::optional<SqliteDatabase> file_;
   std::optional<SqliteSnapshot> snapshot_;
   bool is_new_ = false;  // there was no file, and nothing has been written
@@ -136,7 +136,7 @@ FeatureDatabase::Impl::Impl(const std::string& path, OpenMode mode) {
     file_.emplace(
         SqliteDatabase::OpenOrCreate(path, mode == OpenMode::kOrCreate));
     is_new_ = is_new;
-    // Holds the lock until the end, so that no other program adds the same
+    // Locks the database until the end, so that no other program adds the same
     // rows.
     file_->Execute(kBusyTimeout);
     file_->Execute("PRAGMA locking_mode = EXCLUSIVE");
@@ -202,7 +202,7 @@ void FeatureDatabase::Impl::CheckTables() const {
   for (const char* table : {"cameras", "images", "keypoints", "descriptors",
                             "matches", "two_view_geometries", "pose_priors",
                             "rigs", "rig_sensors", "frames", "frame_data"}) {
-    // Throws if it is none of COLMAP.
+    // Throws if the name is not a COLMAP table.
     std::ignore = database().HasTable(table);
   }
 }

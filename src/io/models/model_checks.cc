@@ -234,10 +234,10 @@ void CheckObservations(const Model& model, const std::filesystem::path& folder,
 
 namespace {
 
-// A rigidly mounted camera rotates by noise only, far below this; cameras that
-// move independently of each other exceed it in most frames.
+// A rigidly mounted camera rotates by noise only, far below this bound.
+// Independently moving cameras exceed it in most frames.
 constexpr double kMaxRigRotationDeg = 5.0;
-// Calibrations of one rig differ less: a camera that turned by half of this is
+// Calibrations of one rig differ less: a camera that rotated by half of this is
 // reported as moved. The shift is relative to the size of the rig.
 constexpr double kMaxKnownRotationDeg = 1.0;
 constexpr double kMaxKnownShift = 0.05;

@@ -51,7 +51,7 @@ class RigPoses {
   // `poses` are estimated from images. The limits are 1 degree, and 5 % of the
   // largest known distance from the reference.
   void CheckKnownSensors(const std::vector<std::optional<Rigid3>>& poses) const;
-  // The same for poses that follow from the images alone.
+  // The same for poses estimated from the images alone.
   void CheckKnownSensors() const;
   // Frames without a posed image are nullopt.
   std::vector<std::optional<Rigid3>> PlaceFrames(

@@ -22,8 +22,8 @@
 
 namespace mgsfm {
 
-// Values in the model files of COLMAP: the types of sensors, and the point of a
-// keypoint that has none.
+// Values in COLMAP's model files: the sensor types, and the point id of a
+// keypoint without a point.
 constexpr int32_t kModelCameraType = 0;
 constexpr int32_t kModelImuType = 1;
 constexpr uint64_t kModelNoPoint = ~uint64_t{0};

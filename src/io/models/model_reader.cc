@@ -232,7 +232,8 @@ Model ReadFiles(const fs::path& folder, ModelFormat format, bool poses_only) {
   return model;
 }
 
-// A table in the other format would be ignored, and with it the rigs.
+// Throws Error if a table is in the other format: it would be ignored, and the
+// rigs with it.
 void CheckOneFormat(const fs::path& folder, ModelFormat format) {
   const ModelFormat other =
       format == ModelFormat::kText ? ModelFormat::kBinary : ModelFormat::kText;

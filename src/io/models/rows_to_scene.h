@@ -32,12 +32,12 @@ struct RigConfigurationSummary {
   std::string rig_source;  // for messages
 };
 
-// Finds rigs and frames according to SceneLoadingOptions, ignoring those of the
-// database, and replaces these in one transaction. Images get the camera of
-// their sensor: equal cameras of one sensor are merged, a camera that two
-// sensors share is copied for the second, as COLMAP's rigs require, and
-// intrinsics of a configuration replace those of the camera. Features and
-// matches stay.
+// Finds rigs and frames according to SceneLoadingOptions, ignoring those in the
+// database, and replaces them in one transaction. Images get the camera of
+// their sensor: equal cameras of one sensor are merged, a camera shared by two
+// sensors is copied, as COLMAP's rigs require, and intrinsics of a
+// configuration replace those of the camera. Features and matches do not
+// change.
 RigConfigurationSummary ConfigureRigs(const SceneLoadingOptions& options,
                                       FeatureDatabase* database,
                                       const Context& context);

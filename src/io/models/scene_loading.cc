@@ -355,8 +355,8 @@ LoadedScene LoadScene(const std::string& database_path,
 
 namespace {
 
-// Cameras that are new, or have other intrinsics than before, are written. Ids
-// become those of the database.
+// Writes cameras that are new or have changed intrinsics. Ids become those of
+// the database.
 void WriteCameras(const std::vector<Camera>& before, FeatureDatabase* database,
                   DatabaseContents* after) {
   const auto camera_before = IndexById(before);

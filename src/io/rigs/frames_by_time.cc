@@ -63,7 +63,7 @@ size_t FindNearest(const std::vector<Instant>& sorted, int64_t time_ns) {
   return static_cast<size_t>((is_later ? before : after) - sorted.begin());
 }
 
-// The pairing of all sensors but the first of each rig, in their order.
+// The pairing of every sensor but the first of each rig, in order.
 struct Pairing {
   int sensor = 0;
   int first_sensor = 0;  // of the rig

@@ -30,7 +30,7 @@ constexpr const char* kTranslation = "cam_from_rig_translation";
 constexpr const char* kModel = "camera_model_name";
 constexpr const char* kParams = "camera_params";
 
-// Reads one object of the file; messages say where it is.
+// Reads one object of the file; messages state its position.
 class ObjectReader {
  public:
   ObjectReader(const Json& json, const std::string& path,
@@ -185,7 +185,7 @@ Json CameraToJson(const RigConfigCamera& camera) {
 }
 
 // The images of one rig in one outer folder, such as seq1 of seq1/cam0/0.jpg,
-// or of a whole rig, and what tells the cameras from each other.
+// or of a whole rig, and the rule that distinguishes its cameras.
 struct NameGroup {
   std::vector<int> image_idxs;
   std::map<int, RigConfigCamera> rule_of_sensor;
@@ -227,9 +227,9 @@ std::map<std::string, NameGroup> GroupImages(const Scene& scene, int rig_idx) {
   return groups;
 }
 
-// Returns whether the rules reproduce the same sensors, and whether the rest of
-// the names joins no images of different frames. It may differ within a frame,
-// where times form the frames.
+// Whether the rules reproduce the sensors, and the rest of the names joins no
+// images of different frames. It may differ within a frame if times define the
+// frames.
 bool IsFaithful(const Scene& scene, const NameGroup& group) {
   if (!group.is_valid) return false;
   std::map<std::string, int> frame_of_key;
@@ -272,7 +272,8 @@ std::optional<NameGroup> FindPatterns(const Scene& scene, int rig_idx) {
   return std::nullopt;
 }
 
-// The groups that describe a rig; empty if names do not tell its cameras.
+// The groups that describe a rig; empty if names do not distinguish its
+// cameras.
 std::vector<NameGroup> DescribeRig(const Scene& scene, int rig_idx) {
   std::vector<NameGroup> faithful;
   const auto groups = GroupImages(scene, rig_idx);
@@ -284,8 +285,8 @@ std::vector<NameGroup> DescribeRig(const Scene& scene, int rig_idx) {
   return faithful;
 }
 
-// The rig's reference, if it has images here, else the first sensor that has a
-// pose to which the others can be related.
+// The rig's reference if it has images here, otherwise the first sensor that
+// has a pose to which the others can be related.
 int ReferenceOf(const Scene& scene, const Reconstruction& reconstruction,
                 const NameGroup& group) {
   int chosen = -1;

@@ -62,7 +62,7 @@ struct ImageKeys {
   std::string frame_name;
 };
 
-// Times of all images, and how far apart those of one frame may be.
+// The times of all images, and the maximum difference within a frame.
 struct FrameTimes {
   std::vector<int64_t> times_ns;  // per image
   int64_t max_difference_ns = 0;
@@ -147,29 +147,29 @@ struct FramesByTime {
 FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
                         const FrameTimes& times, const Context& context);
 
-// Replaces the frames of the keys by those of their times.
+// Replaces the frames of the keys by frames according to image times.
 void SetFramesByTime(const RigInput& input, const FrameTimes& times,
                      const Context& context, std::vector<ImageKeys>* keys);
 
 // ------------------------------------------------------------ suggestions
 
-// A difference that pairs most images of folders that share no names, if their
-// names have times, in words as a remedy; nullopt if there is none. `keys` name
-// the cameras.
+// A time difference that pairs most images of folders without common names, if
+// the names contain times; in words, as a remedy. nullopt if there is none.
+// `keys` name the cameras.
 std::optional<std::string> SuggestFramesByTime(
     const RigInput& input, const std::vector<ImageKeys>& keys);
 
-// A rule by which names that no folder tells apart make rigs, as those of
+// A rule that forms rigs from names that no folder distinguishes, such as
 // left_0001.jpg and right_0001.jpg.
 struct RigRuleSuggestion {
   std::string text;  // with the rule, ready to paste
-  // A word of the names means a camera, so that chance is unlikely.
+  // Whether a word of the names means a camera, so that chance is unlikely.
   bool is_likely = false;
 };
 
-// The cameras are the texts at one place of the names. Without them, most names
-// are those of several images, or the times in the names agree. nullopt if no
-// place is like this.
+// The cameras are the texts at one position of the names. Without these texts,
+// most names are shared by several images, or the times in the names agree.
+// nullopt if there is no such position.
 std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input);
 
 // ---------------------------------------------------------------- scene
@@ -181,9 +181,9 @@ std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input);
 Scene BuildScene(RigInput input, RigAssignment assignment,
                  const Context& context);
 
-// Why the known poses in rigs cannot be in meters: rigs on ships and trucks are
+// Why known sensor poses cannot be in meters: rigs on ships and trucks are
 // shorter than the bound, and baselines in millimeters exceed it. nullopt if
-// they may be.
+// they may be in meters.
 std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene);
 
 }  // namespace mgsfm

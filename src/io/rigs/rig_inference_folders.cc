@@ -16,12 +16,12 @@
 namespace mgsfm {
 namespace {
 
-// Rigs have fewer cameras; more texts are those of frames.
+// Rigs have fewer cameras; more distinct texts belong to frames.
 constexpr size_t kMaxNumCameras = 24;
 
 using NameParts = std::vector<std::string>;
 
-// A place in the names whose texts may be cameras.
+// A position in the names whose texts may be cameras.
 struct Place {
   size_t position = 0;
   std::set<std::string> cameras;
@@ -47,7 +47,7 @@ bool IsSide(const std::string& part) {
 std::string JoinWithout(const NameParts& parts, size_t position) {
   std::string joined;
   for (size_t i = 0; i < parts.size(); ++i) {
-    // A star keeps the place apart from the neighbors.
+    // A star separates the position from its neighbors.
     joined += i == position ? "*" : parts[i];
   }
   return joined;
@@ -187,7 +187,7 @@ struct Level {
   bool has_one_camera_per_folder = false;
 };
 
-// The names without extensions, if that leaves them different.
+// The names without extensions, if they remain distinct.
 std::vector<Name> SplitNames(const RigInput& input) {
   std::set<std::string> stems;
   for (const ImageRow& image : input.contents.images) {
@@ -296,8 +296,8 @@ std::vector<Level> FindLevels(const RigInput& input,
 ImageKeys MakeKeys(const Name& name, const std::string& image_name,
                    const std::optional<Level>& level) {
   ImageKeys keys;
-  // Outer folders without common camera names hold different rigs, which share
-  // no frames.
+  // Outer folders without common camera names belong to different rigs, which
+  // share no frames.
   const bool has_camera_name = level && level->has_one_camera_per_folder;
   keys.sensor_name = has_camera_name ? name.folders[level->position]
                                      : Joined(name.folders, "/");
@@ -315,7 +315,7 @@ ImageKeys MakeKeys(const Name& name, const std::string& image_name,
   return keys;
 }
 
-// The cameras and frames that folders show. `by_name`: see FindLevels.
+// The cameras and frames implied by folders. `by_name`: see FindLevels.
 std::vector<ImageKeys> KeysByFolders(const RigInput& input, bool by_name) {
   const std::vector<Name> names = SplitNames(input);
   std::map<size_t, std::vector<int>> images_of_depth;
@@ -341,8 +341,8 @@ std::vector<ImageKeys> KeysByFolders(const RigInput& input, bool by_name) {
   return keys;
 }
 
-// Suggests how to make rigs if most images are single, although their times or
-// names would make frames.
+// Suggests how to form rigs if most images are single although their times or
+// names would form frames.
 void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
                  const Context& context) {
   std::vector<size_t> frame_sizes(assignment.frames.size(), 0);
@@ -355,7 +355,7 @@ void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
         SuggestFramesByTime(input, KeysByFolders(input, false));
     if (suggestion) return context.Warning(*suggestion);
   } catch (const Error&) {
-    // Folders that leave several interpretations suggest nothing.
+    // Ambiguous folders suggest nothing.
   }
   const auto rule = SuggestRigRule(input);
   if (rule && rule->is_likely) context.Warning(rule->text);

@@ -15,17 +15,17 @@
 
 namespace mgsfm {
 
-// Makes the source of candidate tracks for bundle adjustment: tracks of the
-// matches of used pairs that agree with a model. `matches` are those of the
-// input, of which the view graph has a part. The source refers to all arguments
-// but the mask, which must outlive it.
+// Makes the source of candidate tracks for bundle adjustment: tracks from the
+// matches of used pairs that agree with a model. `matches` are the input
+// matches; the view graph has a subset of them. The source refers to all
+// arguments except the mask; they must outlive it.
 CandidateSource MakeCandidateSource(const Scene& scene,
                                     const ViewGraph& view_graph,
                                     const ViewGraph& matches, Mask pair_is_used,
                                     const MapperOptions& options,
                                     const Context& context);
 
-// The data that an initial model is adjusted to.
+// The data for the adjustment of an initial model.
 struct AdjustmentInput {
   const Scene& scene;
   const ViewGraph& view_graph;
@@ -44,10 +44,10 @@ struct AdjustmentInput {
 
 // Turns an initial model into the final one: registration and deformation to
 // the position priors, bundle adjustment with re-established tracks and the
-// calibration of earlier models as prior, or without it if the evidence of the
-// model contradicts it, alignment to the existing model or to gravity; then the
-// checks of focal lengths, the covariances and the soft rig that the options
-// request. Adds all results to `model`.
+// calibration of earlier models as prior, or without it if the observations of
+// the model contradict it, alignment to the existing model or to gravity; then
+// the checks of focal lengths, the covariances and the soft rig that the
+// options request. Adds all results to `model`.
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model);

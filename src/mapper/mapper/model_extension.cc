@@ -38,7 +38,7 @@ bool IsMetric(const Scene& scene, const Reconstruction& start) {
   return false;
 }
 
-// Known poses replace those of the model, which differ little.
+// Known poses replace the poses of the model, which differ little.
 Reconstruction AtKnownPoses(const Scene& scene, Reconstruction model) {
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     auto& pose = model.sensor_from_rig[i];
@@ -113,8 +113,8 @@ void CheckExtensionOptions(const MapperOptions& options,
   }
 }
 
-// States for each sensor where its pose comes from, in the summaries that enter
-// the report.
+// Describes for each sensor where its pose comes from, in the summaries of the
+// report.
 void DescribeSensors(const Scene& scene, const Reconstruction& start,
                      const std::vector<PlacedSensor>& placed,
                      MapperModel* model, MapperResult* result) {

@@ -9,9 +9,9 @@ namespace mgsfm {
 
 // Extends the existing model of the input as
 // mgsfm/registration/model_extension.h describes. Adds to the result the model,
-// the reason for every frame that could not be added, and the sensors' part of
-// the summary of rotations. Throws Error if frames are to be fixed although
-// position priors or a soft rig would move them.
+// the reason for every frame that could not be added, and the sensors of the
+// rotation summary. Throws Error if frames are to be fixed although position
+// priors or a soft rig would move them.
 void ExtendModel(const VerifiedPairs& pairs, const MapperInput& input,
                  const MapperOptions& options, const Context& context,
                  MapperResult* result);

@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// Maps pairs of a scene, with the priors of its lenses.
+// Reconstructs pairs of a scene with priors for its lenses.
 using SceneMapper = std::function<MapperResult(
     const Scene& scene, const ViewGraph& matches,
     const CalibrationPrior& lenses, const MapperOptions& options,

@@ -15,14 +15,14 @@
 
 namespace mgsfm {
 
-// The rays and image pairs of a scene, as all stages after their verification
-// use them.
+// The rays and image pairs of a scene after verification, for all later stages.
 struct VerifiedPairs {
   const Scene& scene;
   const ViewGraph& all_matches;
   Bearings bearings = {};
   ViewGraph view_graph = {};  // relative poses and their inliers
-  // Those outside image regions that are fixed to the rig; nullopt: all.
+  // The matches outside image regions that are fixed to the rig; nullopt: all
+  // matches.
   std::optional<ViewGraph> visible_matches = std::nullopt;
   size_t num_of_fixed_regions = 0;  // pairs that only all matches verify
 

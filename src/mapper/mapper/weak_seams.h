@@ -16,8 +16,8 @@
 namespace mgsfm {
 
 // The confidence of an adjusted model, with the standard deviations of its
-// seams. Cost: that of EstimateConfidence(), and of
-// ComputeRelativeCovariances() for each seam.
+// seams. Cost: EstimateConfidence(), and ComputeRelativeCovariances() for each
+// seam.
 Confidence EstimateModelConfidence(const ConfidenceInput& input,
                                    const MapperOptions& options,
                                    const Context& context);
@@ -35,17 +35,17 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options);
 
-// The confidence of a model whose tracks the matches of some pairs make.
+// The confidence of a model with tracks from the matches of some pairs.
 using ConfidenceFunction =
     std::function<Confidence(const Mask& pair_is_used, const MapperModel&)>;
 
 // Finds the weak seams of an adjusted model, moves sides to where more matches
 // agree (side_alignment.h), and splits the model at the seams that the options
-// select: one model for each set of frames that none of these separates. Each
-// is adjusted again, the largest first, without the pairs that cross a seam,
-// and keeps the summaries of the stages before. Sets of fewer than
+// select: one model for each set of frames that none of these seams separates.
+// Each model is adjusted again, the largest first, without the pairs that cross
+// a seam, and keeps the summaries of earlier stages. Sets of fewer than
 // min_num_frames frames, and those that points alone do not hold together, are
-// omitted. `pair_on_path` has the motion of the rig by moving_objects.h.
+// omitted. `pair_on_path` has the motion of the rig from moving_objects.h.
 [[nodiscard]] std::vector<MapperModel> TestSeams(
     const FramePairIndex& index,
     const std::vector<std::optional<Rigid3>>& pair_on_path,
