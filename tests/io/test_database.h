@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/random.h"
+#include "base/text_tools.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/database/database.h"
@@ -16,12 +17,6 @@
 #include "support/error_of.h"
 
 namespace mgsfm {
-
-// "cam0" of "cam0/1.jpg".
-inline std::string FolderOf(const std::string& name) {
-  const size_t slash = name.rfind('/');
-  return slash == std::string::npos ? "" : name.substr(0, slash);
-}
 
 inline Eigen::Matrix3d RandomMatrix(Random* random) {
   Eigen::Matrix3d matrix;
@@ -65,7 +60,7 @@ inline DatabaseContents MakeContents(const std::vector<std::string>& names) {
   for (const std::string& name : names) {
     const auto num_cameras = static_cast<uint32_t>(cameras.size());
     const auto [camera, is_new] =
-        cameras.emplace(FolderOf(name), CameraId(num_cameras + 1));
+        cameras.emplace(FolderOfName(name), CameraId(num_cameras + 1));
     if (is_new) {
       contents.cameras.push_back({camera->second,
                                   CameraModelId::kSimpleRadial,

@@ -14,7 +14,7 @@ namespace mgsfm {
 
 // A model in the types of the stages.
 struct ModelScene {
-  // In canonical order. Intrinsics count as known (has_prior_focal_length),
+  // The order is canonical. Intrinsics count as known (has_prior_focal_length),
   // because a model does not store which are. Sensor poses are known only if a
   // rig_config.json provides them; poses in the model are estimates.
   Scene scene;

@@ -100,7 +100,7 @@ PointFilterOptions FilterOf(const RefinementInput& input,
                             const Reconstruction& estimate) {
   PointFilterOptions filter = MakeFilterOptions(
       input.scene, estimate, input.options, round.max_error_px, input.context);
-  // In earlier rounds, point errors are due to inaccurate poses.
+  // Inaccurate poses cause the point errors of earlier rounds.
   if (num_rounds_left == 0) {
     filter.max_rms_error_px = MaxRmsErrorPx(input.options, round.sigma_px);
   }
@@ -129,7 +129,7 @@ void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
                 *input.candidates.groups(result->estimate, round.max_error_px),
                 FilterOf(input, round, num_rounds_left, result->estimate),
                 input.context.num_threads, &result->estimate);
-  // In earlier rounds, poses are too inaccurate to contradict points.
+  // The poses of earlier rounds are too inaccurate to contradict points.
   if (num_rounds_left == 0 && input.candidates.matches != nullptr) {
     RemoveContradictedPoints(input.scene, *input.candidates.matches,
                              round.max_error_px, input.options.min_match_share,

@@ -52,7 +52,7 @@ std::vector<MotionAgreement> CompareMotions(const Scene& scene,
 // cameras agree. Pairs with mirrored images agree on none, or, if all see one
 // scene from one place, on a rotation that the motions contradict.
 //
-// Where the rig turns, lever arms move cameras in different directions. If a
+// Lever arms move the cameras of a turning rig in different directions. If a
 // model with a rigid rig explains most matches of both cameras, opposite
 // directions do not indicate mirrored images. `kept` is null without a model.
 std::vector<Finding> CheckMotions(const Scene& scene,

@@ -79,11 +79,10 @@ struct MotionNoise {
 // calibration, still agrees with the matches of the true motion; the motion of
 // an object does not.
 struct MotionExclusion {
-  // Of the matches that agree with either motion, the fractions that agree with
-  // one motion only; the smaller of both.
+  // Each motion has a fraction of the matches of both motions that agrees with
+  // it alone; this is the smaller one.
   double share = 0.0;
-  // Of the matches that agree with the first motion, the fraction that
-  // contradicts the second.
+  // The fraction of the matches of the first motion that contradict the second.
   double unexplained = 0.0;
 };
 // Motions exclude each other from this value on. A competing motion must also

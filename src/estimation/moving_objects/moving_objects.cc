@@ -247,8 +247,8 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
-// Where no match measures the motion of the rig between two frames, rejects
-// pairs with mostly moving keypoints: they show an object.
+// Rejects pairs with mostly moving keypoints, which show an object, between
+// frames where no match measures the motion of the rig.
 void RejectObjects(const MotionProblem& problem, const RigPath& path,
                    const std::vector<ExpectedPair>& expected,
                    Mask* pair_is_discontinuous) {

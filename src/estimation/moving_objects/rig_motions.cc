@@ -163,7 +163,7 @@ double MedianDistance(const std::vector<Vector3d>& points,
   return Median(std::move(distances));
 }
 
-// By the points that agree with a motion and with no other.
+// Measures the reach of each motion by the points that agree with it alone.
 void MeasureReach(const Correspondences& all, StepHypotheses* motions) {
   if (motions->size() < 2) return;
   std::vector<Vector3d> points;

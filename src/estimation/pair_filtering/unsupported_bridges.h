@@ -26,7 +26,7 @@ namespace mgsfm {
 // The third condition spares chains in which only neighbors were matched: they
 // have no triplets, and one wrong pair would cut them all.
 //
-// In a sequence, loops (links of distant frames) are not part of this graph.
+// The graph of a sequence contains no loops (links of distant frames).
 // They connect two parts only if they have triplet-consistent matches and show
 // more than one place. Structures that look alike can have hundreds of matches
 // that agree with each other, but next to them, the parts show other things.

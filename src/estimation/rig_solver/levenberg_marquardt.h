@@ -16,7 +16,7 @@ struct TrialStep {
   double state_norm = 0.0;
 };
 
-// What the trust-region loop needs of a problem: a state and steps from it.
+// The interface of a problem to the trust-region loop: a state and its steps.
 class DampedProblem {
  public:
   virtual ~DampedProblem() = default;
