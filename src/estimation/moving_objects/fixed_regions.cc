@@ -12,7 +12,7 @@
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "moving_objects/frame_depths.h"
+#include "moving_objects/rig_motions.h"
 
 namespace mgsfm {
 namespace {

@@ -17,7 +17,6 @@
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/spanning_tree.h"
-#include "mgsfm/geometry/camera_models.h"
 #include "translation_averaging/baseline_directions.h"
 #include "translation_averaging/scale_averaging.h"
 
@@ -309,11 +308,85 @@ void AddDepths(const MotionInput& input, const ImagePair& pair, double min_sine,
       });
 }
 
+// The parallax of one ray by a baseline of length 1, and the measured one.
+struct Parallax {
+  double by_unit_rad = 0.0;
+  double measured_rad = 0.0;
+
+  double Length() const { return measured_rad / by_unit_rad; }
+};
+
+// The length that minimizes the sum of the absolute errors of all parallaxes:
+// the median of their lengths, weighted by those of a unit baseline.
+double FitLength(std::vector<Parallax> parallaxes) {
+  std::sort(
+      parallaxes.begin(), parallaxes.end(),
+      [](const auto& a, const auto& b) { return a.Length() < b.Length(); });
+  double total = 0.0;
+  for (const Parallax& parallax : parallaxes) total += parallax.by_unit_rad;
+  double sum = 0.0;
+  for (const Parallax& parallax : parallaxes) {
+    sum += parallax.by_unit_rad;
+    if (sum >= 0.5 * total) return parallax.Length();
+  }
+  return parallaxes.back().Length();
+}
+
+// nullopt if a ray looks along the baseline.
+std::optional<Parallax> ParallaxOf(const Rigid3& b_from_a,
+                                   const Vector3d& ray_a, const Vector3d& ray_b,
+                                   double distance) {
+  const Vector3d turned = b_from_a.rotation * ray_a;
+  const Vector3d across =
+      b_from_a.translation - b_from_a.translation.dot(turned) * turned;
+  const double sine = across.norm();
+  if (!(sine > 0.0)) return std::nullopt;
+  return Parallax{sine / distance, (ray_b - turned).dot(across) / sine};
+}
+
 }  // namespace
 
-double ErrorRad(const Scene& scene, int image_idx, double error_px) {
-  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
-  return error_px / PixelsPerRadian(camera.model, camera.params.data());
+std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
+                                                    const Bearings& bearings,
+                                                    const ImagePair& pair,
+                                                    double noise_px,
+                                                    const FrameDepths& depths) {
+  const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
+                    *pair.relative_pose->translation_direction};
+  const double noise_rad = RayNoiseRad(scene, pair, noise_px);
+  std::vector<Parallax> parallaxes;
+  double information = 0.0, by_depths = 0.0;
+  const auto add = [&](int image, int keypoint, const Vector3d& ray,
+                       const Vector3d& other_ray, const Rigid3& other_from) {
+    if (!depths.IsKnown(image, keypoint)) return;
+    const auto parallax = ParallaxOf(other_from, ray, other_ray,
+                                     *depths.distances[image][keypoint]);
+    if (!parallax) return;
+    parallaxes.push_back(*parallax);
+    const double squared = parallax->by_unit_rad * parallax->by_unit_rad;
+    const double sigma = depths.RelativeSigma(image, keypoint);
+    information += squared;
+    by_depths += sigma * sigma * squared;
+  };
+  const Rigid3 inverse = pose.Inverse();
+  ForEachRays(
+      bearings, pair,
+      [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
+        add(pair.image_idx1, static_cast<int>(match.keypoint_idx1), ray1, ray2,
+            pose);
+        add(pair.image_idx2, static_cast<int>(match.keypoint_idx2), ray2, ray1,
+            inverse);
+      });
+  if (parallaxes.empty()) return std::nullopt;
+  const auto num_rays = static_cast<double>(parallaxes.size());
+  const double length = std::max(0.0, FitLength(std::move(parallaxes)));
+  // The variance of the median of normal errors is pi / 2 times that of the
+  // mean.
+  const double variance =
+      0.5 * M_PI *
+      (noise_rad * noise_rad + length * length * by_depths / num_rays) /
+      information;
+  return BaselineLength{length, std::sqrt(variance)};
 }
 
 FrameDepths MeasureFrameDepths(const MotionInput& input,

@@ -2,12 +2,12 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "moving_objects/rig_motions.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
@@ -20,27 +20,6 @@ struct MotionInput {
   const ViewGraph& view_graph;
   const ViewGraph& matches;
   const RotationEstimate& rotations;
-};
-
-// The measurements of pairs within frames, in one unit of length.
-struct FrameDepths {
-  // Per sensor; nullopt if no pair within a frame connects it with the others.
-  std::vector<std::optional<Rigid3>> cam_from_rig;
-  // Per image and keypoint: distance along the ray. Empty for images without
-  // distances.
-  std::vector<std::vector<std::optional<double>>> distances;
-  // Relative standard deviations of the distances. Empty if distances are
-  // exact.
-  std::vector<std::vector<double>> relative_sigmas;
-
-  bool IsKnown(int image_idx, int keypoint_idx) const {
-    return !distances[image_idx].empty() &&
-           distances[image_idx][keypoint_idx].has_value();
-  }
-  double RelativeSigma(int image_idx, int keypoint_idx) const {
-    return relative_sigmas.empty() ? 0.0
-                                   : relative_sigmas[image_idx][keypoint_idx];
-  }
 };
 
 struct DepthOptions {
@@ -68,24 +47,21 @@ struct DepthOptions {
                                              const DepthOptions& options,
                                              const Context& context);
 
-// The angle of an error at the center of an image.
-[[nodiscard]] double ErrorRad(const Scene& scene, int image_idx,
-                              double error_px);
-
-// Calls function(match, ray1, ray2) for all matches of a pair with rays.
-template <typename Function>
-void ForEachRays(const Bearings& bearings, const ImagePair& pair,
-                 const Function& function) {
-  for (const Match& match : pair.matches) {
-    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
-        !bearings.HasRay(pair.image_idx2, keypoint2)) {
-      continue;
-    }
-    function(match, bearings.Ray(pair.image_idx1, keypoint1),
-             bearings.Ray(pair.image_idx2, keypoint2));
-  }
-}
+// The length L of the baseline of a pair of images of two frames, by keypoints
+// with known distances d. A ray f of the first image is parallel to R f in the
+// second one, and moves towards the direction t of the baseline by the parallax
+// L s / d, with the sine s of the angle between R f and t,
+//
+//   min_L sum |p - L s / d|.
+//
+// Parallaxes p may be negative, so that L of a rig that stands differs from
+// zero by noise only. nullopt without any. Cost: O(n log n) for n matches.
+struct BaselineLength {
+  double value = 0.0;
+  double sigma = 0.0;
+};
+[[nodiscard]] std::optional<BaselineLength> MeasureBaselineLength(
+    const Scene& scene, const Bearings& bearings, const ImagePair& pair,
+    double noise_px, const FrameDepths& depths);
 
 }  // namespace mgsfm

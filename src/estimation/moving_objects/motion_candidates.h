@@ -84,6 +84,9 @@ struct MotionExclusion {
   double share = 0.0;
   // The fraction of the matches of the first motion that contradict the second.
   double unexplained = 0.0;
+  // The number of matches that agree with the second motion only, less the
+  // number that agree with the first one only.
+  std::ptrdiff_t balance = 0;
 };
 // Motions exclude each other from this value on. A competing motion must also
 // explain as many matches, and other matches than the motions before it.

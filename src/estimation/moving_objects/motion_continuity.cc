@@ -413,6 +413,8 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
   for (size_t k = 0; k < sequence.size(); ++k) {
     path->of_frame[sequence[k]] = places[k];
     if (k == 0) continue;
+    path->is_interpolated[sequence[k]] =
+        !chosen[k - 1] || !chosen[k - 1]->HasDistance();
     path->num_unknown[sequence[k]] =
         path->num_unknown[sequence[k - 1]] + (chosen[k - 1] ? 0 : 1);
   }
@@ -457,6 +459,7 @@ RigPath FindRigPath(const TemporalOrder& order, int num_frames,
   RigPath path;
   path.of_frame.resize(num_frames);
   path.is_contested = Mask(num_frames, false);
+  path.is_interpolated = Mask(num_frames, false);
   path.num_unknown.resize(num_frames, 0);
   int num_stretches = 0;
   for (size_t s = 0; s < hypotheses.size(); ++s) {

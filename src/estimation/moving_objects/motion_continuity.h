@@ -72,8 +72,11 @@ struct RigPath {
   std::vector<std::optional<Place>> of_frame;
   // Per frame: whether hypotheses disagree about a step from or to it.
   Mask is_contested;
-  // Per frame: the number of steps before it in its sequence without a chosen
-  // hypothesis.
+  // Per frame: the step to it has no hypothesis that was chosen, or one without
+  // a distance.
+  Mask is_interpolated;
+  // Per frame: the steps before it in its sequence without a hypothesis that
+  // was chosen.
   std::vector<int> num_unknown;
   MotionNoise noise;  // the largest of all sequences
 

@@ -14,6 +14,7 @@
 #include "math/statistics.h"
 #include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_continuity.h"
+#include "moving_objects/motion_hypotheses.h"
 #include "moving_objects/path_agreement.h"
 #include "moving_objects/rig_motions.h"
 #include "translation_averaging/baseline_directions.h"
@@ -247,8 +248,44 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
-// Rejects pairs with mostly moving keypoints, which show an object, between
-// frames where no match measures the motion of the rig.
+// Whether most matches of a pair whose depth is known agree with a motion.
+bool MostDepthsAgree(const MotionProblem& problem,
+                     const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  const double tolerance_rad = ToleranceOf(problem, expected);
+  size_t num_agreeing = 0, num_contradicting = 0;
+  for (const Match& match : pair.matches) {
+    switch (CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                              expected.cam2_from_cam1, tolerance_rad)) {
+      case MatchVerdict::kAgrees:
+        ++num_agreeing;
+        break;
+      case MatchVerdict::kContradicts:
+        ++num_contradicting;
+        break;
+      case MatchVerdict::kIsOnEpipolarLine:
+        break;
+    }
+  }
+  return num_agreeing > num_contradicting;
+}
+
+// Pairs that agree with the path by their poses, and by most of their matches
+// with depth, are not discontinuous.
+void KeepAgreeing(const MotionProblem& problem, const RigPath& path,
+                  const std::vector<ExpectedPair>& expected,
+                  Mask* pair_is_discontinuous) {
+  for (const ExpectedPair& e : expected) {
+    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
+    if ((*pair_is_discontinuous)[e.pair_idx] &&
+        AgreesWithPath(problem, path, pair, e) && MostDepthsAgree(problem, e)) {
+      (*pair_is_discontinuous)[e.pair_idx] = false;
+    }
+  }
+}
+
+// Where no match measures the motion of the rig between two frames, pairs of
+// which most matches are of keypoints that move elsewhere show an object.
 void RejectObjects(const MotionProblem& problem, const RigPath& path,
                    const std::vector<ExpectedPair>& expected,
                    Mask* pair_is_discontinuous) {
@@ -319,6 +356,7 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                          &motion.pair_of_scene);
   }
   for (const ExpectedPair& e : judged) is_discontinuous[e.pair_idx] = false;
+  KeepAgreeing(problem, path, expected, &is_discontinuous);
   RejectObjects(problem, path, expected, &is_discontinuous);
   Reject(is_discontinuous, RejectionReason::kDiscontinuousMotion,
          &motion.verdicts);
@@ -384,7 +422,8 @@ MotionOfScene FindByDepths(MotionProblem problem,
       [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
         return ExclusionOf(problem, earlier, later, a, b);
       });
-  return JudgeByMatches(problem, *path, verification, context);
+  return JudgeByMatches(problem, RefinePath(problem, *path), verification,
+                        context);
 }
 
 // The lengths of baselines are by scale averaging. A pair without parallax can

@@ -10,7 +10,7 @@
 #include "mgsfm/scene/view_graph.h"
 #include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_continuity.h"
-#include "moving_objects/rig_motions.h"
+#include "moving_objects/motion_hypotheses.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
@@ -53,6 +53,11 @@ struct ExpectedPair {
 // correspondences with inaccurate depths can rotate the motion by a degree.
 [[nodiscard]] std::optional<MeasuredMotion> RefineMotion(
     const MotionProblem& problem, const RigPath& path, int earlier, int later);
+
+// Refines the steps that are contested or interpolated. Matches that agree with
+// a refined step measure it.
+[[nodiscard]] RigPath RefinePath(const MotionProblem& problem,
+                                 const RigPath& path);
 
 // Steps next to objects at which the motion of the rig is unknown
 // (motion_continuity.h).

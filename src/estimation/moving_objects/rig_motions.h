@@ -6,14 +6,10 @@
 #include <vector>
 
 #include "base/random.h"
-#include "mgsfm/base/context.h"
 #include "mgsfm/geometry/rigid3.h"
-#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
-#include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_candidates.h"
-#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
@@ -39,6 +35,47 @@ namespace mgsfm {
 // motion_continuity.h decides.
 //
 // Cost: RANSAC on a few hundred correspondences per motion.
+
+// What pairs within frames tell about cameras and keypoints, in one unit of
+// length.
+struct FrameDepths {
+  // Per sensor; nullopt if no pair within a frame connects it with the others.
+  std::vector<std::optional<Rigid3>> cam_from_rig;
+  // Per image and keypoint: distance along the ray. Empty for images without.
+  std::vector<std::vector<std::optional<double>>> distances;
+  // Standard deviations of the distances, relative to them. Empty if they are
+  // exact.
+  std::vector<std::vector<double>> relative_sigmas;
+
+  bool IsKnown(int image_idx, int keypoint_idx) const {
+    return !distances[image_idx].empty() &&
+           distances[image_idx][keypoint_idx].has_value();
+  }
+  double RelativeSigma(int image_idx, int keypoint_idx) const {
+    return relative_sigmas.empty() ? 0.0
+                                   : relative_sigmas[image_idx][keypoint_idx];
+  }
+};
+
+// The angle of an error at the center of an image.
+[[nodiscard]] double ErrorRad(const Scene& scene, int image_idx,
+                              double error_px);
+
+// Calls function(match, ray1, ray2) for all matches of a pair with rays.
+template <typename Function>
+void ForEachRays(const Bearings& bearings, const ImagePair& pair,
+                 const Function& function) {
+  for (const Match& match : pair.matches) {
+    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
+    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
+    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
+        !bearings.HasRay(pair.image_idx2, keypoint2)) {
+      continue;
+    }
+    function(match, bearings.Ray(pair.image_idx1, keypoint1),
+             bearings.Ray(pair.image_idx2, keypoint2));
+  }
+}
 
 // The matches of the image pairs of two frames.
 struct FrameMatches {
@@ -75,80 +112,5 @@ enum class MatchVerdict {
 [[nodiscard]] MatchVerdict CompareWithMotion(
     const Bearings& bearings, const FrameDepths& depths, const ImagePair& pair,
     const Match& match, const Rigid3& cam2_from_cam1, double tolerance_rad);
-
-// Hypotheses for the motion of a rig between consecutive frames of a sequence.
-//
-// Matches of keypoints with depth determine a motion with its distance, but
-// where a vehicle fills the overlapping views, few of them show the static
-// scene. Single cameras that look elsewhere still see it. Their relative poses
-// have the correct rotation and direction, but no distance.
-
-// The measurements, and the settings that all steps share.
-struct MotionProblem : MotionInput {
-  const FramePairIndex& matches_index;
-  const FrameDepths& depths;
-  double max_error_px;
-  double max_relative_baseline_error;
-  // The median displacement of the rig that moves a keypoint by max_error_px.
-  double noise_displacement = 0.0;
-
-  FrameMatches MatchesOf(int earlier,
-                         const FramePairIndex::FramePair& frames) const {
-    return {scene, bearings, matches, depths, earlier, frames.pair_idxs};
-  }
-};
-
-// The relative pose of an image pair of `earlier_frame_idx` and another frame,
-// given the motion between the frames. nullopt unless the poses of both sensors
-// in the rig are known.
-[[nodiscard]] std::optional<Rigid3> RelativePoseBy(
-    const MotionProblem& problem, const ImagePair& pair, int earlier_frame_idx,
-    const Rigid3& later_from_earlier);
-
-// The bound of epipolar errors of a pair.
-[[nodiscard]] double ToleranceOf(const MotionProblem& problem,
-                                 const ImagePair& pair);
-
-// Compares two motions by all matches, because static matches are outliers of
-// the pairs that a vehicle dominates. Only images of one sensor are compared:
-// matches of different sensors also reveal errors of their poses in the rig.
-// Matches with depth, which constrain motion along epipolar lines, and those
-// without are counted separately.
-[[nodiscard]] MotionExclusion ExclusionOf(const MotionProblem& problem,
-                                          int earlier_frame_idx,
-                                          int later_frame_idx,
-                                          const Rigid3& motion1,
-                                          const Rigid3& motion2);
-
-// The covariance of the rotation vector and of the direction of a relative pose
-// with a baseline, from the residuals of its matches.
-[[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOf(
-    const MotionProblem& problem, const ImagePair& pair);
-
-// The standard deviation of a keypoint relative to the epipolar tolerance,
-// which thus includes 95 % of normal errors.
-inline constexpr double kKeypointNoise = 0.5;
-// Errors of depths are added to those of keypoints.
-inline constexpr double kDepthErrorFactor = 2.0;
-
-// The hypotheses of each step of each sequence.
-using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
-
-// Motions that correspondences with depth support, and motions, without
-// distances, of pairs of equal sensors whose poses in the rig are known.
-[[nodiscard]] SequenceHypotheses FindHypothesesByDepths(
-    const MotionProblem& problem, const Context& context);
-
-struct BaselineLength {
-  double value = 0.0;
-  double sigma = 0.0;
-};
-// Per pair; nullopt if it is unknown.
-using BaselineLengths = std::vector<std::optional<BaselineLength>>;
-
-// Motions of pairs of equal sensors with these lengths of their baselines.
-[[nodiscard]] SequenceHypotheses FindHypothesesByPairs(
-    const MotionProblem& problem, const BaselineLengths& lengths,
-    const Context& context);
 
 }  // namespace mgsfm
