@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -38,7 +39,7 @@ struct BaselineDirection {
   double sigma_rad = 0.0;
   // Depths in camera 1 and camera 2 of the matches with parallax, sorted by
   // keypoint.
-  std::vector<DepthSample> depths[2];
+  std::array<std::vector<DepthSample>, 2> depths;
 };
 
 // Estimates the direction b of the baseline between two cameras with known
