@@ -8,6 +8,7 @@
 #include "base/file_reading.h"
 #include "calibration/formats.h"
 #include "calibration/yaml_value.h"
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "scene/intrinsics_check.h"
 #include "scene/value_check.h"
@@ -98,12 +99,18 @@ void CheckNames(const std::vector<CalibratedCamera>& cameras) {
   }
 }
 
-// A file per camera, without a rig, places all of them at the origin.
+// A file per camera, without a rig, gives all of them one pose at the origin.
+// The cameras of a panorama head, at one place, are turned.
 void ForgetCommonPlace(std::vector<CalibratedCamera>* cameras) {
+  constexpr double kMaxRounding_rad = 1e-6;
+  const Rigid3* first = nullptr;
   const bool is_common = std::all_of(
-      cameras->begin(), cameras->end(), [](const CalibratedCamera& camera) {
-        return !camera.cam_from_base ||
-               camera.cam_from_base->translation.isZero(0.0);
+      cameras->begin(), cameras->end(), [&](const CalibratedCamera& camera) {
+        if (!camera.cam_from_base) return true;
+        if (first == nullptr) first = &*camera.cam_from_base;
+        return camera.cam_from_base->translation.isZero(0.0) &&
+               AngleBetween(camera.cam_from_base->rotation, first->rotation) <=
+                   kMaxRounding_rad;
       });
   if (!is_common) return;
   for (CalibratedCamera& camera : *cameras) camera.cam_from_base.reset();
