@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Where a model says a thing twice, a change of one of them is refused."""
+import shutil
 import subprocess
 
 import pytest
@@ -51,3 +52,34 @@ def test_changes_are_refused(request, text_model, tmp_path, name, line,
         path.write_text(original)
         assert done.returncode == 1, (column, words[column])
         assert not (tmp_path / "out").exists()
+
+
+def test_a_calibration_of_another_model_is_refused(request, drive, text_model,
+                                                   tmp_path):
+    """rig_config.json stays behind when another program writes the model."""
+    program = request.config.getoption("--program").resolve()
+    database = tmp_path / "database.db"
+    shutil.copy(drive / "database.db", database)
+
+    def configure(path):
+        done = subprocess.run(
+            [program, "rig_configurator", "--database_path", database,
+             "--rig_config_path", path], capture_output=True, text=True,
+            check=False)
+        return done.returncode, done.stderr
+    model = tmp_path / "model"
+    for name, column, problem in (("cameras", 4, "intrinsics"),
+                                  ("rigs", 11, "pose in the rig")):
+        shutil.copytree(text_model, model)
+        assert configure(model)[0] == 0
+        path = model / f"{name}.txt"
+        lines = path.read_text().split("\n")
+        content = [i for i, line in enumerate(lines) if line[:1] != "#"]
+        words = lines[content[0]].split()
+        words[column] = changed(words[column])
+        lines[content[0]] = " ".join(words)
+        path.write_text("\n".join(lines))
+        code, message = configure(model)
+        assert code == 1 and problem in message, message
+        assert configure(model / "rig_config.json")[0] == 0
+        shutil.rmtree(model)

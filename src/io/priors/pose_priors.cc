@@ -21,7 +21,7 @@
 #include "mgsfm/base/error.h"
 #include "priors/named_vectors.h"
 #include "priors/trajectory_positions.h"
-#include "rigs/scene_builder.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {

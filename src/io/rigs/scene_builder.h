@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <optional>
 #include <string>
 
 #include "mgsfm/base/context.h"
@@ -16,10 +15,5 @@ namespace mgsfm {
 // intrinsics.
 Scene BuildScene(RigInput input, RigAssignment assignment,
                  const Context& context);
-
-// Why the known poses in rigs cannot be in meters: rigs on ships and trucks are
-// shorter than the bound, and baselines in millimeters exceed it. nullopt if
-// they may be.
-std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene);
 
 }  // namespace mgsfm
