@@ -103,6 +103,10 @@ MatchingInput MatchImages(const MatchingInputOptions& input_options,
                           const AutomaticReconstructorOptions& options,
                           const Context& context) {
   MatchingInput input = OpenMatchingInput(input_options, context);
+  // What is wrong with them is known before the matching.
+  (void)ReadPositionPriors(input.scene, *input_options.database_path,
+                           options.priors);
+  (void)ReadGravity(input.scene, *input_options.database_path, options.priors);
   if (options.data_type == DataType::kIndividual) {
     MatchExhaustively(&input.database, input.scene, options.exhaustive,
                       options.matching, context);
@@ -156,15 +160,19 @@ Context WithoutRepetitions(const Context& context) {
   return once;
 }
 
+std::vector<std::string> NamesOf(const AutomaticReconstructorOptions& options) {
+  return ListImages(options.image_path, options.extraction.image_list_path,
+                    options.extraction.reader.mask_path);
+}
+
 // Splits the images; the options of all that follows refer to the result.
 void UseViews(const fs::path& views_path, CombinedImages kind,
               const Context& context, AutomaticReconstructorOptions* options) {
   ImageReaderOptions& reader = options->extraction.reader;
   const bool is_panorama = kind == CombinedImages::kPanorama;
   const ImageRunSummary summary = SplitImages(
-      {*options->image_path,
-       ListImages(options->image_path, options->extraction.image_list_path),
-       *reader.mask_path, *reader.camera_params_path, views_path,
+      {*options->image_path, NamesOf(*options), *reader.mask_path,
+       *reader.camera_params_path, views_path,
        is_panorama ? *options->loading.rig_config_path : std::string()},
       kind, options->splitting, context);
   context.Info("split " + Describe(summary) + "; the models are of " +
@@ -204,13 +212,15 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
   const ImageReaderOptions& reader = options.extraction.reader;
   const SceneLoadingOptions& loading = options.loading;
   const PosePriorOptions& priors = options.priors;
-  CheckPathsExist({{"rig_config_path", loading.rig_config_path},
-                   {"calibration_path", loading.calibration_path},
-                   {"image_timestamps_path", loading.image_timestamps_path},
-                   {"ref_images_path", priors.ref_images_path},
-                   {"gravity_path", priors.gravity_path},
-                   {"ImageReader.mask_path", reader.mask_path},
-                   {"ImageReader.camera_mask_path", reader.camera_mask_path}});
+  CheckPathsExist(
+      {{"rig_config_path", loading.rig_config_path},
+       {"calibration_path", loading.calibration_path},
+       {"image_timestamps_path", loading.image_timestamps_path},
+       {"ref_images_path", priors.ref_images_path},
+       {"gravity_path", priors.gravity_path},
+       {"ImageReader.mask_path", reader.mask_path},
+       {"ImageReader.camera_mask_path", reader.camera_mask_path},
+       {"VocabTree.vocab_tree_path", options.vocabulary.vocab_tree_path}});
 }
 
 // The options of all that follows refer to the extracted images.
@@ -232,8 +242,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   if (!options.video_path->empty()) {
     UseVideos(workspace / "videos", context, &options);
   }
-  const std::vector<std::string> names =
-      ListImages(options.image_path, options.extraction.image_list_path);
+  const std::vector<std::string> names = NamesOf(options);
   for (const std::string& name : names) {
     CheckFormat(name, options.output_format);
   }
@@ -245,17 +254,20 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                  : CombinedImages::kDualFisheye,
              context, &options);
   }
-  CheckRigsOfImages(
-      options.image_path,
-      ListImages(options.image_path, options.extraction.image_list_path),
-      options.loading);
+  const std::vector<std::string> view_names = NamesOf(options);
+  CheckRigsOfImages(options.image_path, view_names, options.loading);
+  const std::string database_path = (workspace / "database.db").string();
+  // The database of an earlier run may have more images.
+  if (!fs::exists(database_path)) {
+    CheckValuesOfImages(view_names, options.loading.image_timestamps_path,
+                        options.priors);
+  }
   std::error_code error;
   fs::create_directories(workspace, error);
   if (!fs::is_directory(workspace)) {
     throw Error("--workspace_path '" + *options.workspace_path +
                 "' cannot be created: " + error.message());
   }
-  const std::string database_path = (workspace / "database.db").string();
   UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
                &options.loading);
   { const StagedOutput sparse(workspace / "sparse"); }  // may be written

@@ -14,6 +14,8 @@
 #include "mgsfm/base/error.h"
 #include "models/rows_to_scene.h"
 #include "named_model.h"
+#include "priors/trajectory_positions.h"
+#include "rigs/image_timestamps.h"
 
 namespace mgsfm {
 namespace {
@@ -86,6 +88,26 @@ void CheckRigsOfImages(const std::string& image_path,
   DatabaseContents rows = RowsOf(image_path, names);
   if (rows.images.empty()) return;
   (void)BuildSceneOfRows("image folder", std::move(rows), loading, Context());
+}
+
+void CheckValuesOfImages(const std::vector<std::string>& names,
+                         const std::string& image_timestamps_path,
+                         const PosePriorOptions& priors) {
+  Scene scene;
+  for (const std::string& name : names) {
+    const auto id = static_cast<uint32_t>(scene.images.size() + 1);
+    scene.images.push_back({ImageId(id), name, 0, 0, 0, {}});
+  }
+  if (!image_timestamps_path.empty()) {
+    CheckImageTimes(image_timestamps_path, names);
+  }
+  // Trajectories need the frames, too.
+  const std::string& positions = priors.ref_images_path;
+  if (!positions.empty() &&
+      DetectPositionFormat(positions) == PositionFileFormat::kNamed) {
+    (void)ReadPositionPriors(scene, "", priors);
+  }
+  if (!priors.gravity_path->empty()) (void)ReadGravity(scene, "", priors);
 }
 
 }  // namespace mgsfm

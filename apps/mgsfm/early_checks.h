@@ -6,6 +6,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/models/scene_loading.h"
+#include "mgsfm/priors/pose_priors.h"
 
 namespace mgsfm {
 
@@ -25,5 +26,11 @@ void CheckPathsExist(const std::vector<NamedPath>& paths);
 void CheckRigsOfImages(const std::string& image_path,
                        const std::vector<std::string>& names,
                        const SceneLoadingOptions& loading);
+
+// Throws the Error that files of times, positions and gravity of images would
+// cause after the matching: malformed lines, and names of other images.
+void CheckValuesOfImages(const std::vector<std::string>& names,
+                         const std::string& image_timestamps_path,
+                         const PosePriorOptions& priors);
 
 }  // namespace mgsfm
