@@ -224,12 +224,14 @@ void WarnOfOtherReport(const RunReport& report, const Scene& scene,
                   "; it is of another run");
 }
 
-PoseComparison Compare(const std::string& label, const TruthSource& source) {
+PoseComparison Compare(const std::string& label, const TruthSource& source,
+                       const Context& context) {
   TruthComparison compared = CompareWithTruth(source);
   EvaluationOptions options;
   options.is_metric = compared.is_metric;
   Evaluation evaluation = Evaluate(compared.images, compared.has_true_poses,
                                    compared.sensors, options);
+  WarnOfFewPoses(compared, evaluation, options.alignment, context);
   return {label, std::move(compared.images), std::move(evaluation)};
 }
 
@@ -272,12 +274,12 @@ int RunReportCommand(const ReportCommandOptions& options,
     TruthSource source{options.input_path, options.gt_path, options.gt_format,
                        options.calib_path, options.database_path};
     source.rig_name_rule = options.loading.rig_name_rule;
-    page.truth = Compare(options.gt_path, source);
+    page.truth = Compare(options.gt_path, source, context);
   }
   if (!options.compare_path->empty()) {
     TruthSource source{options.compare_path, options.input_path};
     source.rig_name_rule = options.loading.rig_name_rule;
-    page.other = Compare(options.compare_path, source);
+    page.other = Compare(options.compare_path, source, context);
   }
   constexpr double kBytesPerMb = 1e6;
   ReportPageOptions limits;

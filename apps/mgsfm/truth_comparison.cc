@@ -353,4 +353,24 @@ TruthComparison CompareWithTruth(const TruthSource& source) {
   return comparison;
 }
 
+void WarnOfFewPoses(const TruthComparison& comparison,
+                    const Evaluation& evaluation, Alignment alignment,
+                    const Context& context) {
+  const std::vector<std::string>& names = comparison.unpaired_images;
+  if (!names.empty()) {
+    context.Warning(std::to_string(names.size()) +
+                    " images of the model have no true pose and are not "
+                    "compared, such as '" +
+                    names.front() + "'");
+  }
+  // A similarity moves two positions to any others, a rigid transform one.
+  const int max_free = alignment == Alignment::kSimilarity ? 2
+                       : alignment == Alignment::kRigid    ? 1
+                                                           : 0;
+  if (!evaluation.position_m || evaluation.num_registered > max_free) return;
+  context.Warning("the errors of positions are 0 for any model, as only " +
+                  std::to_string(evaluation.num_registered) +
+                  " of its images have true poses; compare more images");
+}
+
 }  // namespace mgsfm
