@@ -303,6 +303,22 @@ TEST_F(FeatureExtractionTest, MasksAmongTheImagesAreNoImages) {
   }
 }
 
+TEST_F(FeatureExtractionTest, IntrinsicsThatTheDatabaseContradictsAreNamed) {
+  WriteFolders();
+  FeatureExtractionOptions options;
+  options.reader.camera_model = "PINHOLE";
+  for (const char* params :
+       {"100,100,60,45", "100,100,60,45", "110,110,60,45"}) {
+    EXPECT_THAT(warnings_, testing::IsEmpty());
+    options.reader.camera_params = params;
+    Extract(options, "all.db");
+  }
+  EXPECT_THAT(warnings_,
+              testing::ElementsAre(HasSubstr("other intrinsics of 3 images")));
+  Extract({}, "all.db");
+  EXPECT_EQ(warnings_.size(), 1u);
+}
+
 // Instances are numbered from 1; 0 is the background.
 TEST_F(FeatureExtractionTest, MasksOfSixteenBitsHideZerosOnly) {
   WriteFolders();
