@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 
 MISSING = "-"
 PAGE_WIDTH = 110  # characters of \footnotesize in two columns of a paper
@@ -108,7 +109,7 @@ class Table:
         """A table of the width of the page, with a caption. Columns that do
         not fit follow below the others."""
         def escape(text):
-            return text.replace("_", r"\_").replace("%", r"\%")
+            return re.sub(r"([_%&#$])", r"\\\1", text)
         lines = [r"\begin{table*}", r"\centering", r"\footnotesize"]
         bold = r"\textbf{{{}}}"
         for rows in self.page_blocks([self.header, *self.cells(bold)]):

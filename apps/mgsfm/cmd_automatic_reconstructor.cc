@@ -27,7 +27,10 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/matching/matching.h"
 #include "mgsfm/models/scene_loading.h"
+#include "mgsfm/priors/pose_priors.h"
 #include "models/rows_to_scene.h"
+#include "priors/position_files.h"
+#include "rigs/image_times.h"
 #include "video/video_sampling.h"
 
 namespace mgsfm {
@@ -90,6 +93,28 @@ void CheckRigsOfImages(const std::string& image_path,
   DatabaseContents rows = RowsOf(image_path, names);
   if (rows.images.empty()) return;
   (void)BuildSceneOfRows("image folder", std::move(rows), loading, Context());
+}
+
+// Throws the Error that files with times, positions and gravity would cause
+// after the matching, for malformed lines and names of unknown images.
+void CheckValuesOfImages(const std::vector<std::string>& names,
+                         const std::string& image_timestamps_path,
+                         const PosePriorOptions& priors) {
+  Scene scene;
+  for (const std::string& name : names) {
+    const auto id = static_cast<uint32_t>(scene.images.size() + 1);
+    scene.images.push_back({ImageId(id), name, 0, 0, 0, {}});
+  }
+  if (!image_timestamps_path.empty()) {
+    CheckImageTimes(image_timestamps_path, names);
+  }
+  // Trajectories also need the frames.
+  const std::string& positions = priors.ref_images_path;
+  if (!positions.empty() &&
+      DetectPositionFormat(positions) == PositionFileFormat::kNamed) {
+    (void)ReadPositionPriors(scene, "", priors);
+  }
+  if (!priors.gravity_path->empty()) (void)ReadGravity(scene, "", priors);
 }
 
 // Kind of images, under COLMAP's names.
@@ -165,6 +190,10 @@ struct AutomaticReconstructorOptions {
 MatchingInput MatchImages(const AutomaticReconstructorOptions& options,
                           const Context& context) {
   MatchingInput input = OpenMatchingInput(options.input, context);
+  // Bad priors are known before the matching.
+  const std::string& database_path = options.input.database_path;
+  (void)ReadPositionPriors(input.scene, database_path, options.priors);
+  (void)ReadGravity(input.scene, database_path, options.priors);
   if (options.data_type == DataType::kIndividual) {
     MatchExhaustively(&input.database, input.scene, options.exhaustive,
                       options.input.matching, context);
@@ -212,15 +241,19 @@ Context WithoutRepetitions(const Context& context) {
   return once;
 }
 
+std::vector<std::string> NamesOf(const AutomaticReconstructorOptions& options) {
+  return ListImages(options.image_path, options.extraction.image_list_path,
+                    options.extraction.reader.mask_path);
+}
+
 // Splits the images; options of later steps refer to the result.
 void UseViews(const fs::path& views_path, CombinedImages kind,
               const Context& context, AutomaticReconstructorOptions* options) {
   ImageReaderOptions& reader = options->extraction.reader;
   const bool is_panorama = kind == CombinedImages::kPanorama;
   const ImageRunSummary summary = SplitImages(
-      {*options->image_path,
-       ListImages(options->image_path, options->extraction.image_list_path),
-       *reader.mask_path, *reader.camera_params_path, views_path,
+      {*options->image_path, NamesOf(*options), *reader.mask_path,
+       *reader.camera_params_path, views_path,
        is_panorama ? *options->input.loading.rig_config_path : std::string()},
       kind, options->splitting, context);
   context.Info("split " + Describe(summary) + "; the models are of " +
@@ -267,7 +300,8 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
       {"ref_images_path", priors.ref_images_path},
       {"gravity_path", priors.gravity_path},
       {"ImageReader.mask_path", reader.mask_path},
-      {"ImageReader.camera_mask_path", reader.camera_mask_path}};
+      {"ImageReader.camera_mask_path", reader.camera_mask_path},
+      {"VocabTree.vocab_tree_path", options.vocabulary.vocab_tree_path}};
   for (const auto& [option, path] : paths) {
     std::error_code ignored;
     if (path.empty() || fs::exists(path, ignored)) continue;
@@ -298,8 +332,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   if (!options.video_path->empty()) {
     UseVideos(workspace / "videos", context, &options);
   }
-  const std::vector<std::string> names =
-      ListImages(options.image_path, options.extraction.image_list_path);
+  const std::vector<std::string> names = NamesOf(options);
   for (const std::string& name : names) {
     CheckFormat(name, options.output_format);
   }
@@ -311,17 +344,20 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                  : CombinedImages::kDualFisheye,
              context, &options);
   }
-  CheckRigsOfImages(
-      options.image_path,
-      ListImages(options.image_path, options.extraction.image_list_path),
-      options.input.loading);
+  const std::vector<std::string> view_names = NamesOf(options);
+  CheckRigsOfImages(options.image_path, view_names, options.input.loading);
+  options.input.database_path = (workspace / "database.db").string();
+  // The database of an earlier run may have more images.
+  if (!fs::exists(*options.input.database_path)) {
+    CheckValuesOfImages(view_names, options.input.loading.image_timestamps_path,
+                        options.priors);
+  }
   std::error_code error;
   fs::create_directories(workspace, error);
   if (!fs::is_directory(workspace)) {
     throw Error("--workspace_path '" + *options.workspace_path +
                 "' cannot be created: " + error.message());
   }
-  options.input.database_path = (workspace / "database.db").string();
   UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
                &options.input.loading);
   { const StagedOutput sparse(workspace / "sparse"); }  // may be written

@@ -255,7 +255,8 @@ int RunImageSplitter(const ImageSplitterOptions& options,
   CheckImagePath(options.image_path);
   const ImageRunSummary summary =
       SplitImages({*options.image_path,
-                   ListImages(options.image_path, options.image_list_path),
+                   ListImages(options.image_path, options.image_list_path,
+                              options.mask_path),
                    *options.mask_path, *options.camera_params_path,
                    *options.output_path, *options.rig_config_path},
                   options.image_type, options.splitting, context);

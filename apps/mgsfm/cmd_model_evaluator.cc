@@ -120,16 +120,6 @@ void CheckUsage(const EvaluatorOptions& options) {
   }
 }
 
-void WarnOfUnpairedImages(const TruthComparison& comparison,
-                          const Context& context) {
-  const std::vector<std::string>& names = comparison.unpaired_images;
-  if (names.empty()) return;
-  context.Warning(std::to_string(names.size()) +
-                  " images of the model have no true pose and are not "
-                  "compared, such as '" +
-                  names.front() + "'");
-}
-
 // Warns of true poses in another convention, detected by the rotations of the
 // model between consecutive images.
 void WarnOfConvention(const TruthComparison& comparison,
@@ -168,7 +158,6 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
       {options.input_path, options.gt_path, options.gt_format,
        options.calib_path, options.database_path, options.image_prefix,
        options.reference, options.rig_name_rule});
-  WarnOfUnpairedImages(comparison, context);
   WarnOfConvention(comparison, options, context);
   thresholds.is_metric =
       options.gt_unit == LengthUnit::kMeter ||
@@ -176,6 +165,7 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
   const Evaluation evaluation =
       Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,
                thresholds);
+  WarnOfFewPoses(comparison, evaluation, options.alignment, context);
   if (!options.json->empty()) {
     ReplaceFile(*options.json, EvaluationToJson(evaluation));
   }

@@ -139,15 +139,21 @@ size_t ColumnOf(const TextLines& lines, const std::vector<std::string>& names,
   return static_cast<size_t>(found - names.begin());
 }
 
-// The confidence by the name of a frame; frames without one are left out.
-std::map<std::string, double> ReadConfidenceTable(const fs::path& path) {
+struct ConfidenceRow {
+  std::string num_images;
+  double confidence = 0.0;
+};
+
+// By the name of a frame; frames without a confidence are left out.
+std::map<std::string, ConfidenceRow> ReadConfidenceTable(const fs::path& path) {
   TextLines lines(path);
   lines.Next();
   const auto names =
       SplitCsv(lines.line()).value_or(std::vector<std::string>());
   const size_t frame = ColumnOf(lines, names, "frame");
+  const size_t num_images = ColumnOf(lines, names, "num_images");
   const size_t confidence = ColumnOf(lines, names, "confidence");
-  std::map<std::string, double> confidence_of_name;
+  std::map<std::string, ConfidenceRow> row_of_name;
   while (lines.Next()) {
     if (lines.line().empty()) continue;
     const auto fields = SplitCsv(lines.line());
@@ -157,13 +163,13 @@ std::map<std::string, double> ReadConfidenceTable(const fs::path& path) {
     }
     if ((*fields)[confidence].empty()) continue;
     const auto value = ParseDouble((*fields)[confidence]);
-    if (!value) {
+    if (!value || *value < 0.0 || *value > 1.0) {
       lines.Throw("has '" + Printable((*fields)[confidence]) +
                   "' as a confidence; remove the file, or map again");
     }
-    confidence_of_name[(*fields)[frame]] = *value;
+    row_of_name[(*fields)[frame]] = {(*fields)[num_images], *value};
   }
-  return confidence_of_name;
+  return row_of_name;
 }
 
 // The confidence of frames in frames.csv beside the model. Frames that are not
@@ -174,23 +180,25 @@ std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
   const fs::path path = model_path / "frames.csv";
   std::error_code ignored;
   if (!fs::is_regular_file(path, ignored)) return {};
-  const auto confidence_of_name = ReadConfidenceTable(path);
-  if (confidence_of_name.empty()) return {};
+  const auto row_of_name = ReadConfidenceTable(path);
+  if (row_of_name.empty()) return {};
   std::vector<std::optional<double>> confidence;
   size_t num_found = 0;
   for (const Frame& frame : scene.frames) {
-    const auto found = confidence_of_name.find(frame.name);
-    const bool is_found = found != confidence_of_name.end();
+    const auto found = row_of_name.find(frame.name);
+    const bool is_found =
+        found != row_of_name.end() &&
+        found->second.num_images == std::to_string(frame.image_idxs.size());
     num_found += is_found ? 1 : 0;
-    confidence.push_back(is_found ? std::optional(found->second)
+    confidence.push_back(is_found ? std::optional(found->second.confidence)
                                   : std::nullopt);
   }
-  if (num_found < confidence_of_name.size()) {
-    context.Warning(
-        "'" + path.string() + "' has " +
-        std::to_string(confidence_of_name.size() - num_found) + " of " +
-        std::to_string(confidence_of_name.size()) +
-        " frames that the model does not have; it is of another model");
+  if (num_found < row_of_name.size()) {
+    context.Warning("'" + path.string() + "' has " +
+                    std::to_string(row_of_name.size() - num_found) + " of " +
+                    std::to_string(row_of_name.size()) +
+                    " frames that the model does not have, or has with other "
+                    "images; it is of another model");
   }
   return confidence;
 }
@@ -213,12 +221,14 @@ void WarnOfOtherReport(const RunReport& report, const Scene& scene,
                   "; check that it belongs to the run of this model");
 }
 
-PoseComparison Compare(const std::string& label, const TruthSource& source) {
+PoseComparison Compare(const std::string& label, const TruthSource& source,
+                       const Context& context) {
   TruthComparison compared = CompareWithTruth(source);
   EvaluationOptions options;
   options.is_metric = compared.is_metric;
   Evaluation evaluation = Evaluate(compared.images, compared.has_true_poses,
                                    compared.sensors, options);
+  WarnOfFewPoses(compared, evaluation, options.alignment, context);
   return {label, std::move(compared.images), std::move(evaluation)};
 }
 
@@ -261,12 +271,12 @@ int RunReportCommand(const ReportCommandOptions& options,
     TruthSource source{options.input_path, options.gt_path, options.gt_format,
                        options.calib_path, options.database_path};
     source.rig_name_rule = options.loading.rig_name_rule;
-    page.truth = Compare(options.gt_path, source);
+    page.truth = Compare(options.gt_path, source, context);
   }
   if (!options.compare_path->empty()) {
     TruthSource source{options.compare_path, options.input_path};
     source.rig_name_rule = options.loading.rig_name_rule;
-    page.other = Compare(options.compare_path, source);
+    page.other = Compare(options.compare_path, source, context);
   }
   constexpr double kBytesPerMb = 1e6;
   ReportPageOptions limits;

@@ -2,6 +2,7 @@
 // COLMAP 3.8 continues from models of mgsfm. Without COLMAP the tests are
 // skipped; .ci/run installs it.
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <regex>
 
 #include "cli/program_runs.h"
@@ -127,6 +128,30 @@ TEST_F(Colmap, UndistortsOurUndistortedImages) {
     EXPECT_EQ(theirs->width, ours->width);
     EXPECT_EQ(theirs->height, ours->height);
   }
+}
+
+// Features, matches and cameras of COLMAP, at focal lengths that it guesses.
+TEST_F(Colmap, MakesDatabasesThatWeMap) {
+  for (const char* camera : {"front_left", "front_right"}) {
+    fs::create_directories(Path("images/") + camera);
+    for (const char* file : {"/000000.jpg", "/000001.jpg", "/000002.jpg"}) {
+      fs::copy_file(std::string(kRendered) + "/images/" + camera + file,
+                    Path("images/") + camera + file);
+    }
+  }
+  const std::string database = " --database_path " + Path("colmap.db");
+  RunColmap(
+      "feature_extractor --image_path " + Path("images") + database +
+      " --ImageReader.single_camera_per_folder 1"
+      " --SiftExtraction.use_gpu 0 --SiftExtraction.max_num_features 500");
+  RunColmap("exhaustive_matcher --SiftMatching.use_gpu 0" + database);
+  Run("mapper --write_report 0 --output_path " + Path("model") + database);
+  Run("model_evaluator --input_path " + Path("model/0") + " --gt_path " +
+      kRendered + "/truth --json " + Path("errors.json"));
+  const auto errors = nlohmann::json::parse(ReadTextFile(Path("errors.json")));
+  EXPECT_EQ(errors.at("num_registered"), 6) << errors;
+  EXPECT_LT(errors.at("rotation_deg").at("mean"), 0.5) << errors;
+  EXPECT_LT(errors.at("position_m").at("mean"), 0.02) << errors;
 }
 
 }  // namespace

@@ -391,6 +391,24 @@ TEST_F(ModelEvaluator, ImagesWithoutTruthAreReported) {
               AllOf(HasSubstr("2 images"), HasSubstr("000003")));
 }
 
+TEST_F(ModelEvaluator, ImagesThatAnyAlignmentFitsAreNamed) {
+  WriteModel("model", Mono({0, 1, 2, 3, 4}));
+  const auto warnings = [&](const std::vector<int>& frames,
+                            const std::string& alignment) {
+    WriteModel("truth", Mono(frames));
+    return RunMgsfm(
+               Call("--gt_path " + Path("truth") + " --alignment " + alignment))
+        .err;
+  };
+  const auto is_named = HasSubstr("for any model, as only");
+  EXPECT_THAT(warnings({0, 1}, "similarity"), is_named);
+  EXPECT_THAT(warnings({0}, "rigid"), is_named);
+  for (const char* alignment : {"rigid", "none"}) {
+    EXPECT_THAT(warnings({0, 1}, alignment), Not(is_named));
+  }
+  EXPECT_THAT(warnings({0, 1, 2}, "similarity"), Not(is_named));
+}
+
 // Frames 0 to 9, or at 0 s to 9 s?
 TEST_F(ModelEvaluator, CountersAreNoTimes) {
   WriteModel("model", Mono({0, 1, 2, 3, 4, 5, 6, 7, 8, 9}));

@@ -64,7 +64,16 @@ TEST_F(ReconstructionTest, ErrorsComeBeforeTheWork) {
   WriteTextFile(config, R"([{"cameras": [
       {"image_prefix": "front_left/", "ref_sensor": true},
       {"image_prefix": "front_rigt/"}]}])");
+  const std::string unknown = Path("unknown.txt").string();
+  WriteTextFile(unknown,
+                "front_left/000000.jpg 1 2 3\nfront_left/9.jpg 1 2 3\n");
+  const std::string bad = Path("bad.txt").string();
+  WriteTextFile(bad, "front_left/000000.jpg soon\n");
   const std::vector<std::pair<std::string, std::string>> cases = {
+      {"--ref_images_path " + unknown, "line 2: names the image"},
+      {"--gravity_path " + unknown, "line 2: names the image"},
+      {"--image_timestamps_path " + bad, "line 1: has 'soon'"},
+      {"--VocabTree.vocab_tree_path none.bin", "'none.bin' (--VocabTree"},
       {"--rig_config_path " + config, "'front_rigt/'"},
       {"--rig_config_path none.json", "'none.json' (--rig_config_path)"},
       {"--rig_name_rule '(?<camera>a.*)/.*'", "does not match the image name"},

@@ -38,8 +38,13 @@ TEST_F(ReportCommandTest, ShowsTheConfidenceBesideAModel) {
   EXPECT_EQ(low, page_of("\"000001\",4,100,0.25\r\n\"a,\"\"\",1,1,1\n"));
   EXPECT_THAT(messages, HasSubstr("1 of 2 frames that the model does not"));
   EXPECT_NE(low, page_of("\"000001\",4,100,0.75\n"));
-  for (const char* table :
-       {"frame,confidence\n\"000001\",x\n", "frame,confidence\n\"000001\"\n"}) {
+  // The model has other images in this frame.
+  page_of("\"000001\",3,100,0.25\n");
+  EXPECT_THAT(messages, HasSubstr("1 of 1 frames that the model does not"));
+  for (const char* row :
+       {"\"000001\",4,x\n", "\"000001\"\n", "\"000001\",4,1.5\n"}) {
+    const std::string table =
+        std::string("frame,num_images,confidence\n") + row;
     WriteTextFile(model + "/frames.csv", table);
     const CommandOutput bad = RunMgsfm(call + Path("bad.html"));
     EXPECT_EQ(bad.exit_code, 1);

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Data sets of vehicles: KITTI, KITTI-360, nuScenes and Argoverse 1.
+#include <regex>
+
 #include "io/calibration_fixture.h"
 
 namespace mgsfm {
@@ -60,6 +62,13 @@ constexpr const char* kArgoverse = R"({"camera_data_": [
 TEST_F(CalibrationTest, KittiOdometry) {
   const Cameras cameras = ReadCalibration(Write("calib.txt", kKittiOdometry));
   ASSERT_EQ(cameras.size(), 3u);
+  for (const char* separator : {":", ":\t"}) {
+    const std::string text = std::regex_replace(std::string(kKittiOdometry),
+                                                std::regex(": "), separator);
+    const Cameras same = ReadCalibration(Write("other.txt", text));
+    ASSERT_EQ(same.size(), 3u);
+    EXPECT_EQ(same[2].names, cameras[2].names);
+  }
   EXPECT_EQ(cameras[0].model, CameraModelId::kPinhole);
   EXPECT_EQ(cameras[0].params, (Params{700, 700, 600.5, 180.5}));
   ExpectPose(CamFromFirst(cameras, 1), Eigen::Matrix3d::Identity(),

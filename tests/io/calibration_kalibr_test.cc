@@ -28,6 +28,18 @@ TEST_F(CalibrationTest, Kalibr) {
   ExpectPose(CamFromFirst(cameras, 2), rotation, {0.5, 0.0, -0.11});
 }
 
+// A panorama head: the rotations are known.
+TEST_F(CalibrationTest, CamerasAtOnePlaceKeepTheirRotations) {
+  std::string text = kKalibr;
+  for (const std::string length : {"-0.11", "0.5"}) {
+    text.replace(text.find(length + "]"), length.size(), "0.0");
+  }
+  const Cameras cameras = ReadCalibration(Write("camchain.yaml", text));
+  Eigen::Matrix3d rotation;
+  rotation << 0, 0, -1, 0, 1, 0, 1, 0, 0;
+  ExpectPose(CamFromFirst(cameras, 2), rotation, {0.0, 0.0, 0.0});
+}
+
 TEST_F(CalibrationTest, KalibrWithoutChain) {
   std::string text = kKalibr;
   text.replace(text.find("T_cn_cnm1"), 9, "T_unknown");

@@ -95,6 +95,23 @@ TEST_F(ImageTimestampsTest, OtherUnitsThanSecondsAreRefused) {
   }
 }
 
+// Times from zero have no such magnitude, but their intervals have.
+TEST_F(ImageTimestampsTest, OtherUnitsFromZeroAreNamed) {
+  const auto doubts = [&](double interval_s) {
+    const auto line = [&](const char* name, int frame) {
+      return std::string("a b/") + name + ".png " +
+             std::to_string(frame * interval_s) + "\n";
+    };
+    Read(line("2", 0) + line("9", 1) + line("10", 2));
+    return WhyTimesAreNotSeconds(Path(), scene_).value_or("");
+  };
+  for (const double interval_s : {0.01, 1.0, 5.0}) {
+    EXPECT_EQ(doubts(interval_s), "");
+    EXPECT_THAT(doubts(1e3 * interval_s + 1), HasSubstr("milliseconds"));
+    EXPECT_THAT(doubts(1e6 * interval_s + 1), HasSubstr("microseconds"));
+  }
+}
+
 TEST_F(ImageTimestampsTest, ImagesOfAFrameAreCloserThanFrames) {
   scene_ = LoadScene(MakeContents({"a/1.png", "a/2.png", "b/1.png", "b/2.png"}),
                      {}, Context())

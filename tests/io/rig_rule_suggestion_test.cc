@@ -7,6 +7,7 @@
 #include "io/test_database.h"
 #include "mgsfm/models/scene_loading.h"
 #include "rigs/rig_inference.h"
+#include "support/error_of.h"
 #include "support/shared_data.h"
 
 namespace mgsfm {
@@ -21,6 +22,32 @@ std::string LogOf(const std::vector<std::string>& names) {
   };
   (void)LoadScene(MakeContents(names), {}, context);
   return log;
+}
+
+// A folder per frame, whose files are called like cameras, is no camera.
+TEST(RuleSuggestionTest, FoldersOfFramesAreNoCameras) {
+  const auto names_of = [](int num_frames) {
+    std::vector<std::string> names;
+    for (int frame = 0; frame < num_frames; ++frame) {
+      for (const char* camera : {"left", "right"}) {
+        names.push_back(std::to_string(1000 + frame) + '/' + camera + ".jpg");
+      }
+    }
+    return names;
+  };
+  for (const int num_frames : {3, 40}) {
+    const std::string error = ErrorOf([&] { LogOf(names_of(num_frames)); });
+    const size_t begin = error.find("rig_name_rule '");
+    ASSERT_NE(begin, std::string::npos) << error;
+    const size_t rule = begin + std::string("rig_name_rule '").size();
+    const Scene scene =
+        LoadScene(MakeContents(names_of(num_frames)),
+                  LoadingBy(error.substr(rule, error.find('\'', rule) - rule)),
+                  Context())
+            .scene;
+    EXPECT_EQ(scene.frames.size(), static_cast<size_t>(num_frames));
+    EXPECT_EQ(scene.sensors.size(), 2u);
+  }
 }
 
 // The rule in the log makes frames of all cameras.

@@ -139,6 +139,14 @@ TEST_F(TrajectoryIo, ReadsKittiCalibration) {
               HasSubstr("line 1"));
 }
 
+TEST_F(TrajectoryIo, CamerasOfKittiAreInTheOrderOfTheirNames) {
+  const std::vector<Rigid3> cameras =
+      ReadKittiCalibration(Put("P1: 700 0 600 -378 0 700 180 0 0 0 1 0\n"
+                               "P0: 700 0 600 0 0 700 180 0 0 0 1 0\n"));
+  EXPECT_LT(cameras.at(0).translation.norm(), 1e-12);
+  EXPECT_NEAR(cameras.at(1).translation.x(), -0.54, 1e-12);
+}
+
 TEST_F(TrajectoryIo, ReadsEurocCalibration) {
   const std::string before = "sensor_type: camera\nT_BS:\n  cols: 4\n";
   const Rigid3 sensor_from_body = ReadEurocCalibration(

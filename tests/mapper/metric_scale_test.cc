@@ -45,6 +45,22 @@ std::string ErrorOf(const Simulation& simulation, const std::string& text) {
   return "";
 }
 
+// The model is in the unit of the rig, but that is no meter.
+TEST(MetricScaleTest, RigsInMillimetersAreNotCalledMetric) {
+  for (const double factor : {1.0, 1000.0}) {
+    Simulation simulation = StereoDrive(true);
+    for (Sensor& sensor : simulation.scene.sensors) {
+      if (sensor.sensor_from_rig) sensor.sensor_from_rig->translation *= factor;
+    }
+    const MapperResult result = RunMapper(
+        {simulation.scene, simulation.view_graph}, MapperOptions(), Context());
+    const std::string unit =
+        SummarizeRun(simulation.scene, result).models.at(0).unit_of_length;
+    EXPECT_EQ(unit.rfind("metric", 0) == 0, factor == 1.0) << unit;
+    EXPECT_THAT(unit, HasSubstr("that of the known rig"));
+  }
+}
+
 // All lengths of the model are multiplied by one factor.
 TEST(MetricScaleTest, ScalesPosesPointsAndRig) {
   const Simulation simulation = StereoDrive(false);

@@ -132,10 +132,11 @@ struct FeatureExtractionSummary {
 
 // The names of the files below the folder `image_path`, or those in the file
 // `list_path` unless that is empty: sorted, without duplicates. Links to
-// folders are followed; hidden files are ignored. Throws Error if there is
-// none.
-[[nodiscard]] std::vector<std::string> ListImages(const std::string& image_path,
-                                                  const std::string& list_path);
+// folders are followed; hidden files are ignored, and so are masks if the
+// folder `mask_path` is below `image_path`. Throws Error if there is none.
+[[nodiscard]] std::vector<std::string> ListImages(
+    const std::string& image_path, const std::string& list_path,
+    const std::string& mask_path = "");
 
 // Extracts SIFT features of the images below the folder `image_path` and adds
 // them to the database, together with cameras and with GPS positions as pose

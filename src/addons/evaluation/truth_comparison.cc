@@ -2,6 +2,7 @@
 #include "evaluation/truth_comparison.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <map>
 #include <set>
@@ -41,9 +42,9 @@ Quaterniond Reread(const Quaterniond& cam_from_world,
                                                     : in_file;
 }
 
-double MedianDifference(const std::vector<RotationEvidence>& evidence,
-                        const PoseConvention& convention, bool is_reordered,
-                        bool is_inverse) {
+std::vector<double> DifferencesRad(
+    const std::vector<RotationEvidence>& evidence,
+    const PoseConvention& convention, bool is_reordered, bool is_inverse) {
   std::vector<double> differences_rad;
   for (const RotationEvidence& pair : evidence) {
     const auto reread = [&](const Quaterniond& rotation) {
@@ -53,7 +54,21 @@ double MedianDifference(const std::vector<RotationEvidence>& evidence,
         AngleBetween(pair.second_from_first,
                      reread(pair.second) * reread(pair.first).conjugate()));
   }
-  return Median(std::move(differences_rad));
+  return differences_rad;
+}
+
+// Whether more pairs are for the other reading than chance explains: between
+// readings that are equally wrong, a pair decides like a coin. With 3.1
+// standard deviations, chance does so once in 1000 files, and never in one of
+// fewer than ten pairs.
+bool MostAreFor(const std::vector<double>& other_rad,
+                const std::vector<double>& as_read_rad) {
+  const auto num_pairs = static_cast<double>(other_rad.size());
+  double num_for = 0.0;
+  for (size_t i = 0; i < other_rad.size(); ++i) {
+    num_for += other_rad[i] < as_read_rad[i];
+  }
+  return 2.0 * num_for - num_pairs > 3.1 * std::sqrt(num_pairs);
 }
 
 }  // namespace
@@ -61,19 +76,23 @@ double MedianDifference(const std::vector<RotationEvidence>& evidence,
 std::optional<std::string> FindOtherConvention(
     const std::vector<RotationEvidence>& evidence,
     const PoseConvention& convention, const std::string& source) {
-  constexpr size_t kMinNumPairs = 9;
   // Errors of sound poses shrink by no other convention.
   constexpr double kMaxRatio = 0.2;
-  if (evidence.size() < kMinNumPairs) return std::nullopt;
-  const double difference_rad =
-      MedianDifference(evidence, convention, false, false);
+  if (evidence.empty()) return std::nullopt;
+  const std::vector<double> as_read_rad =
+      DifferencesRad(evidence, convention, false, false);
+  const double difference_rad = Median(as_read_rad);
   for (const auto& [is_reordered, is_inverse] :
        {std::pair(true, false), std::pair(false, true),
         std::pair(true, true)}) {
     if (is_reordered && convention.order == PoseConvention::kMatrix) continue;
-    const double other_rad =
-        MedianDifference(evidence, convention, is_reordered, is_inverse);
-    if (!(other_rad < kMaxRatio * difference_rad)) continue;
+    const std::vector<double> reread_rad =
+        DifferencesRad(evidence, convention, is_reordered, is_inverse);
+    const double other_rad = Median(reread_rad);
+    if (!(other_rad < kMaxRatio * difference_rad) ||
+        !MostAreFor(reread_rad, as_read_rad)) {
+      continue;
+    }
     const auto degrees = [](double rad) {
       return FormatDouble(RadToDeg(rad), std::chars_format::general, 3);
     };
@@ -432,6 +451,26 @@ TruthComparison CompareWithTruth(const TruthSource& source) {
   comparison.is_metric = IsMetric(source);
   comparison.unpaired_images = UnpairedImages(model, comparison);
   return comparison;
+}
+
+void WarnOfFewPoses(const TruthComparison& comparison,
+                    const Evaluation& evaluation, Alignment alignment,
+                    const Context& context) {
+  const std::vector<std::string>& names = comparison.unpaired_images;
+  if (!names.empty()) {
+    context.Warning(std::to_string(names.size()) +
+                    " images of the model have no true pose and are not "
+                    "compared, such as '" +
+                    names.front() + "'");
+  }
+  // A similarity moves two positions to any others, a rigid transform one.
+  const int max_free = alignment == Alignment::kSimilarity ? 2
+                       : alignment == Alignment::kRigid    ? 1
+                                                           : 0;
+  if (!evaluation.position_m || evaluation.num_registered > max_free) return;
+  context.Warning("the errors of positions are 0 for any model, as only " +
+                  std::to_string(evaluation.num_registered) +
+                  " of its images have true poses; compare more images");
 }
 
 }  // namespace mgsfm

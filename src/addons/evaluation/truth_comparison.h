@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/evaluation/evaluation.h"
 
@@ -71,5 +72,11 @@ struct TruthComparison {
 // Pairs the images and sensors of a model with their true poses. Throws Error
 // for bad input.
 TruthComparison CompareWithTruth(const TruthSource& source);
+
+// Warns of images without a true pose, and if so few have one that the
+// alignment makes their errors 0.
+void WarnOfFewPoses(const TruthComparison& comparison,
+                    const Evaluation& evaluation, Alignment alignment,
+                    const Context& context);
 
 }  // namespace mgsfm

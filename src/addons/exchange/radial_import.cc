@@ -171,10 +171,11 @@ std::optional<NamedNumbers> SplitNamedNumbers(std::string_view line,
 
 std::optional<FixedCalibration> ReadHeader(ImportText* text) {
   const std::string_view header = text->NextLine();
-  if (header.substr(0, 6) != "NVM_V3") {
+  const std::vector<std::string_view> words = SplitWords(header);
+  // NVM_V3_R9T has other columns.
+  if (words.empty() || words[0] != "NVM_V3") {
     text->ThrowUnexpected("NVM_V3", header);
   }
-  const std::vector<std::string_view> words = SplitWords(header);
   if (words.size() == 1) return std::nullopt;
   if (words[1] != "FixedK") text->ThrowUnexpected("NVM_V3 FixedK", header);
   const auto split = SplitNamedNumbers(header, 4);

@@ -32,4 +32,9 @@ std::optional<std::string> WhyDifferent(const Rigid3& pose,
 // A camera must have a positive size and positive focal lengths.
 std::optional<std::string> WhyImplausible(const Camera& camera);
 
+// Why the known poses in rigs cannot be in meters: rigs on ships and trucks are
+// shorter than the bound, and baselines in millimeters exceed it. nullopt if
+// they may be.
+std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene);
+
 }  // namespace mgsfm

@@ -190,6 +190,27 @@ CameraAssignment::CameraAssignment(const ImageReaderOptions& options,
   for (const auto& [name, camera] : camera_of_image_) {
     camera_of_key_.emplace(KeyOf(name), camera);
   }
+  WarnOfOtherIntrinsics(context);
+}
+
+void CameraAssignment::WarnOfOtherIntrinsics(const Context& context) const {
+  size_t num_other = 0;
+  std::string example;
+  for (const auto& [name, camera] : camera_of_image_) {
+    const auto of_folder = camera_of_folder_.find(FolderOrDot(name));
+    const Camera& given =
+        of_folder != camera_of_folder_.end() ? of_folder->second : template_;
+    const bool is_other =
+        !given.params.empty() &&
+        (given.model != camera.model || given.params != camera.params);
+    if (is_other && num_other++ == 0) example = name;
+  }
+  if (num_other == 0) return;
+  context.Warning(
+      "the database has other intrinsics of " + std::to_string(num_other) +
+      " images than the options of ImageReader give, such as of '" + example +
+      "', and keeps them; extract into a new database to use the "
+      "given ones");
 }
 
 void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,

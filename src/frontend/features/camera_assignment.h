@@ -42,6 +42,8 @@ class CameraAssignment {
                     std::optional<double> focal_length_px) const;
   void CheckFolders(const std::vector<std::string>& image_names,
                     const Context& context) const;
+  // If the options give intrinsics that the database contradicts.
+  void WarnOfOtherIntrinsics(const Context& context) const;
 
   ImageReaderOptions options_;
   Mode mode_ = Mode::kPerFolder;

@@ -111,7 +111,7 @@ class ImageExtractor {
     if (path.empty()) return;
     try {
       camera_mask_ = ReadMask(path, options.reader.max_num_pixels);
-      if (!camera_mask_) throw Error("does not exist");
+      if (!camera_mask_) throw Error("is not a file; check the path");
     } catch (const Error& error) {
       throw Error("mask '" + path + "' (ImageReader.camera_mask_path) " +
                   error.what());
@@ -137,8 +137,12 @@ class ImageExtractor {
   bool HidesAny(const std::string& name,
                 const std::vector<FeatureKeypoint>& keypoints) const;
 
-  void WarnOfEmptyMasks(const Context& context) const {
-    empty_masks_.Warn(*options_.reader.mask_path, context);
+  void WarnOfMasks(const Context& context) const {
+    useless_masks_.Warn(*options_.reader.mask_path, context);
+    if (!camera_mask_) return;
+    UselessMasks camera_mask;
+    CountMask(*camera_mask_, &camera_mask);
+    camera_mask.Warn(*options_.reader.camera_mask_path, context);
   }
 
  private:
@@ -150,6 +154,9 @@ class ImageExtractor {
   std::optional<GrayImage> MaskInFolder(const std::string& name) const;
   static void CheckSize(const GrayImage& image, const GrayImage& mask,
                         const std::string& path);
+  static void CountMask(const GrayImage& mask, UselessMasks* masks) {
+    masks->Count(mask.minCoeff() > 0, mask.maxCoeff() == 0);
+  }
   static bool Hides(const GrayImage& mask, const FeatureKeypoint& keypoint);
   static void ApplyMask(const GrayImage& mask, Features* features);
 
@@ -157,7 +164,7 @@ class ImageExtractor {
   const FeatureExtractionOptions options_;
   std::optional<GrayImage> camera_mask_;
   mutable MemoryBudget memory_budget_;
-  mutable EmptyMasks empty_masks_;
+  mutable UselessMasks useless_masks_;
 };
 
 // Calls `use` with the pixels and masks of a usable image.
@@ -212,7 +219,7 @@ std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
   std::vector<GrayImage> masks;
   if (std::optional<GrayImage> mask = MaskInFolder(name)) {
     CheckSize(image, *mask, MaskPathOf(*options_.reader.mask_path, name));
-    empty_masks_.Count(mask->minCoeff() > 0);
+    CountMask(*mask, &useless_masks_);
     masks.push_back(*std::move(mask));
   }
   if (camera_mask_) {
@@ -458,12 +465,14 @@ void FeatureWriter::Write(const std::vector<ExtractedImage>& images,
 }  // namespace
 
 std::vector<std::string> ListImages(const std::string& image_path,
-                                    const std::string& list_path) {
+                                    const std::string& list_path,
+                                    const std::string& mask_path) {
   std::error_code ignored;
   if (!fs::is_directory(image_path, ignored)) ThrowFolderError(image_path);
   std::vector<std::string> names;
   if (list_path.empty()) {
     AddFiles(image_path, "", {}, &names);
+    RemoveMasks(image_path, mask_path, &names);
   } else {
     names = ReadImageList(list_path);
   }
@@ -518,7 +527,7 @@ FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
   summary.num_images = end - begin;
   summary.num_present = summary.num_images - missing.size();
   ExtractMissing(missing, extractor, context, &writer, &summary);
-  extractor.WarnOfEmptyMasks(context);
+  extractor.WarnOfMasks(context);
   writer.LogWarnings();
   summary.seconds = timer.Seconds();
   return summary;
@@ -547,7 +556,7 @@ FeatureExtractionSummary ExtractFeatures(
                 shard->share.ToString() + " or choose another database");
   }
   const std::vector<std::string> names =
-      ListImages(image_path, options.image_list_path);
+      ListImages(image_path, options.image_list_path, options.reader.mask_path);
   const FeatureExtractionSummary summary = ExtractRange(
       names, 0, names.size(), image_path, options, database, context);
   if (summary.num_present + summary.num_extracted == 0) {
@@ -561,7 +570,7 @@ FeatureExtractionSummary ExtractFeatureShard(
     const std::string& image_path, const FeatureExtractionOptions& options,
     const Share& share, FeatureDatabase* database, const Context& context) {
   const std::vector<std::string> names =
-      ListImages(image_path, options.image_list_path);
+      ListImages(image_path, options.image_list_path, options.reader.mask_path);
   ShardManifest manifest{ShardKind::kFeatures, share,
                          FingerprintOf(names, options), false};
   BeginShard(manifest, database);

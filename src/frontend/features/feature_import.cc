@@ -190,6 +190,15 @@ void FeatureImporter::ImportMatches() {
 FeatureImportSummary ImportFeatures(const FeatureImportOptions& options,
                                     FeatureDatabase* database,
                                     const Context& context) {
+  const ImageReaderOptions& reader = options.reader;
+  for (const Option<std::string>* mask :
+       {&reader.mask_path, &reader.camera_mask_path}) {
+    if ((*mask)->empty()) continue;
+    throw Error("ImageReader." + std::string(mask->Info().name) +
+                " hides no features of other programs, whose matches name "
+                "them by their numbers; give the masks to the program that "
+                "extracts them");
+  }
   return FeatureImporter(options, database, context).Import();
 }
 

@@ -71,7 +71,9 @@ std::optional<GrayImage> ReadMask(const std::filesystem::path& path,
                                   int64_t max_num_pixels) {
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(path, ignored)) return std::nullopt;
-  return ToGrayImage(DecodeGray(ReadImageFile(path), max_num_pixels).pixels);
+  // Any number but 0 shows a pixel, in 16 bits too.
+  const DecodedImage mask = DecodeGray(ReadImageFile(path), max_num_pixels);
+  return ToGrayImage(mask.pixels != 0);
 }
 
 namespace {

@@ -204,8 +204,8 @@ class ImageRun {
     renderers_[task.camera_idx].AddImage();
   }
 
-  void WarnOfEmptyMasks(const Context& context) const {
-    empty_masks_.Warn(options_.mask_path, context);
+  void WarnOfMasks(const Context& context) const {
+    useless_masks_.Warn(options_.mask_path, context);
   }
 
   void Run(const ImageTask& task) {
@@ -232,12 +232,12 @@ class ImageRun {
     const std::string file = ReadFile(original_path);
     const bool is_unchanged = IsUnchanged(camera, views);
     const DecodedImage decoded = Decode(file, Colors(), camera);
-    if (decoded.is_nearly_black && !is_unchanged) {
+    if (decoded.is_nearly_black) {
       const std::lock_guard<std::mutex> lock(warnings_mutex_);
       warnings_.Add("image '" + task.name +
                     "' has 16 bits per channel, but uses the lower 12 only, so "
-                    "that its views of 8 bits are nearly black; multiply its "
-                    "values by 16 and start again in another folder");
+                    "that it is nearly black in 8 bits; multiply its values by "
+                    "16 and start again in another folder");
     }
     std::shared_ptr<const ViewRenderer> renderer;
     if (!is_unchanged || options_.writes_masks) {
@@ -271,7 +271,8 @@ class ImageRun {
       } catch (const Error& error) {
         throw Error("has a mask that " + std::string(error.what()));
       }
-      empty_masks_.Count(cv::countNonZero(mask) == mask.rows * mask.cols);
+      const int num_shown = cv::countNonZero(mask);
+      useless_masks_.Count(num_shown == mask.rows * mask.cols, num_shown == 0);
     }
     const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
     for (size_t i = 0; i < rendered.size(); ++i) {
@@ -309,7 +310,7 @@ class ImageRun {
   const ImageRunOptions& options_;
   std::vector<SharedRenderer> renderers_;
   std::set<fs::path> folders_;  // of the files to write
-  EmptyMasks empty_masks_;
+  UselessMasks useless_masks_;
   std::mutex warnings_mutex_;
   GroupedWarnings warnings_;
 };
@@ -394,7 +395,7 @@ ImageRunSummary WriteViews(
         context.ReportProgress("undistortion: images", num_done, left.size());
       });
   if (!left.empty()) run.SyncFolders();
-  run.WarnOfEmptyMasks(context);
+  run.WarnOfMasks(context);
   run.LogWarnings(context);
   return {left.size(), tasks.size() - left.size(), timer.Seconds()};
 }

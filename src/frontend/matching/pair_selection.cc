@@ -14,7 +14,6 @@
 #include "base/text_tools.h"
 #include "database/sqlite_database.h"
 #include "files/file_operations.h"
-#include "geometry/geodetic.h"
 #include "matching/image_retrieval.h"
 #include "matching/match_list.h"
 #include "matching/pair_matching.h"
@@ -360,31 +359,29 @@ ImagePairList RetrievedPairs(const FeatureDatabase& database,
                        context);
 }
 
-// Positions in meters if they are WGS84, otherwise in the unit of the database.
+// Positions in meters if they are GPS, otherwise in the unit of the database.
 std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
-    const FeatureDatabase& database, const Scene& scene, PositionKind kind) {
-  using CoordinateSystem = PosePriorRow::CoordinateSystem;
-  const ImageIdxs image_idxs(scene);
-  std::vector<std::optional<Eigen::Vector3d>> positions(scene.images.size());
-  std::optional<Eigen::Vector3d> origin;
-  const std::vector<PosePriorRow> priors = database.ReadPosePriors();
-  std::vector<Eigen::Vector3d> undefined;
-  for (const PosePriorRow& prior : priors) {
-    if (prior.coordinate_system == CoordinateSystem::kUndefined) {
-      undefined.push_back(prior.position);
-    }
+    const FeatureDatabase& database, const Scene& scene, PositionKind kind,
+    const Context& context) {
+  const std::string source = "database '" + database.path() + "'";
+  const std::vector<PosePriorRow> rows = database.ReadPosePriors();
+  if (rows.empty()) {
+    throw Error(source +
+                " has no position priors (table pose_priors), which come from "
+                "the GPS tags of the images; use another matcher");
   }
-  const bool is_gps =
-      AreGps(undefined, kind, "database '" + database.path() + "'");
-  for (const PosePriorRow& prior : priors) {
-    const auto image_idx = image_idxs.Find(prior.image_id);
-    if (!image_idx) continue;
-    const bool is_wgs84 =
-        prior.coordinate_system == CoordinateSystem::kWgs84 ||
-        (prior.coordinate_system == CoordinateSystem::kUndefined && is_gps);
-    if (is_wgs84 && !origin) origin = prior.position;
-    positions[*image_idx] =
-        is_wgs84 ? EastNorthUp(prior.position, *origin) : prior.position;
+  PosePriorOptions options;
+  options.use_prior_position = true;
+  options.ref_is_gps = kind;
+  options.overwrite_priors_covariance = true;  // it has no effect on pairs
+  const PositionPriors priors =
+      MakePositionPriors(scene, rows, source, options);
+  context.Info(source + " has " +
+               (priors.origin_wgs84 ? "latitudes and longitudes of images"
+                                    : "Cartesian positions of images"));
+  std::vector<std::optional<Eigen::Vector3d>> positions;
+  for (const auto& prior : priors.images) {
+    positions.push_back(prior ? std::optional(prior->position) : std::nullopt);
   }
   return positions;
 }
@@ -462,13 +459,8 @@ ImagePairList SelectSpatially(const FeatureDatabase& database,
                               const Scene& scene,
                               const SpatialMatchingOptions& options,
                               const Context& context) {
-  const auto positions = ReadPositions(database, scene, options.is_gps);
-  if (std::none_of(positions.begin(), positions.end(),
-                   [](const auto& position) { return position.has_value(); })) {
-    throw Error("database '" + database.path() +
-                "' has no position priors (table pose_priors), which come from "
-                "the GPS tags of the images; use another matcher");
-  }
+  const auto positions =
+      ReadPositions(database, scene, options.is_gps, context);
   return SpatialPairs(scene, positions, options, context);
 }
 

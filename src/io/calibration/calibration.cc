@@ -7,6 +7,7 @@
 
 #include "base/file_reading.h"
 #include "calibration/yaml_value.h"
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "scene/intrinsics_check.h"
 #include "scene/value_check.h"
@@ -97,12 +98,18 @@ void CheckNames(const std::vector<CalibratedCamera>& cameras) {
   }
 }
 
-// Separate files per camera without a rig place all cameras at the origin.
+// Separate files per camera without a rig place all cameras at the origin with
+// equal rotations. The cameras of a panorama head, at one place, are turned.
 void ForgetCommonPlace(std::vector<CalibratedCamera>* cameras) {
+  constexpr double kMaxRounding_rad = 1e-6;
+  const Rigid3* first = nullptr;
   const bool is_common = std::all_of(
-      cameras->begin(), cameras->end(), [](const CalibratedCamera& camera) {
-        return !camera.cam_from_base ||
-               camera.cam_from_base->translation.isZero(0.0);
+      cameras->begin(), cameras->end(), [&](const CalibratedCamera& camera) {
+        if (!camera.cam_from_base) return true;
+        if (first == nullptr) first = &*camera.cam_from_base;
+        return camera.cam_from_base->translation.isZero(0.0) &&
+               AngleBetween(camera.cam_from_base->rotation, first->rotation) <=
+                   kMaxRounding_rad;
       });
   if (!is_common) return;
   for (CalibratedCamera& camera : *cameras) camera.cam_from_base.reset();

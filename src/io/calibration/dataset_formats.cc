@@ -59,7 +59,7 @@ Lines ParseLines(const std::string& text, const std::string& path) {
   size_t num_unnamed = 0;
   while (text_lines.NextContent()) {
     const std::string_view line = text_lines.line();
-    const size_t colon = line.find(": ");
+    const size_t colon = line.find(':');
     const bool has_name = colon != std::string_view::npos;
     Line parsed{text_lines.Place(), {}};
     for (const auto word : SplitWords(has_name ? line.substr(colon + 1) : line))
@@ -171,7 +171,7 @@ bool IsProjection(const Line& line) {
 }  // namespace
 
 bool IsKitti(const std::string& text) {
-  const bool has_names = text.find("P0: ") != std::string::npos ||
+  const bool has_names = text.find("P0:") != std::string::npos ||
                          text.find("P_rect_0") != std::string::npos;
   if (has_names) return true;
   const Lines lines = ParseLines(text, "");

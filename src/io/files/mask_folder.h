@@ -16,6 +16,12 @@ namespace mgsfm {
 std::filesystem::path MaskPathOf(const std::filesystem::path& mask_path,
                                  const std::string& image_name);
 
+// Removes the masks from the names of the files below a folder of images that
+// also has the folder of masks in it.
+void RemoveMasks(const std::filesystem::path& image_path,
+                 const std::filesystem::path& mask_path,
+                 std::vector<std::string>* names);
+
 // Throws Error if no image has a mask in the folder, and warns of images
 // without a mask, before any mask is used. `option` names the folder in
 // messages. An empty path means no folder.
@@ -32,19 +38,22 @@ struct HiddenCells {
 };
 std::string EncodeMask(const HiddenCells& cells, int width_px, int height_px);
 
-// Counts the masks that hide nothing, for one warning. Thread-safe.
-class EmptyMasks {
+// Counts the masks that hide nothing, or all, for one warning each.
+// Thread-safe.
+class UselessMasks {
  public:
-  void Count(bool hides_nothing) {
+  void Count(bool hides_nothing, bool hides_all) {
     ++num_masks_;
     if (hides_nothing) ++num_empty_;
+    if (hides_all) ++num_full_;
   }
-  void Warn(const std::filesystem::path& mask_path,
-            const Context& context) const;
+  // `masks` names the folder or file.
+  void Warn(const std::filesystem::path& masks, const Context& context) const;
 
  private:
   std::atomic<size_t> num_masks_{0};
   std::atomic<size_t> num_empty_{0};
+  std::atomic<size_t> num_full_{0};
 };
 
 }  // namespace mgsfm

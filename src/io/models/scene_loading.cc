@@ -17,6 +17,7 @@
 #include "calibration/calibration_rigs.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "mgsfm/models/model_io.h"
 #include "mgsfm/models/model_scene.h"
 #include "mgsfm/rigs/rig_config.h"
 #include "models/rows_to_scene.h"
@@ -24,6 +25,7 @@
 #include "rigs/rig_inference.h"
 #include "scene/intrinsics_check.h"
 #include "scene/item_lists.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -31,16 +33,85 @@ namespace {
 // Detectors can place keypoints this far beyond the image border.
 constexpr float kBorderNoise_px = 1.0f;
 
+std::string DescribeIntrinsics(CameraModelId model,
+                               const std::vector<double>& params) {
+  std::string text(FindCameraModel(static_cast<int32_t>(model))->name);
+  for (const double param : params) {
+    text += ' ' + FormatDouble(param, std::chars_format::general, 6);
+  }
+  return text;
+}
+
+bool AreEqualUpToRounding(const std::vector<double>& a,
+                          const std::vector<double>& b) {
+  constexpr double kRounding = 1e-5;  // of six digits
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](double x, double y) {
+                      return std::abs(x - y) <= kRounding * (1.0 + std::abs(y));
+                    });
+}
+
+// How the calibration of a camera in rig_config.json differs from that of the
+// model beside it; empty if it does not.
+std::string WhyOfAnotherModel(const RigConfigCamera& camera,
+                              const Model& model) {
+  const auto image = std::find_if(
+      model.poses.images.begin(), model.poses.images.end(),
+      [&](const ModelImage& i) { return FrameKeyOf(camera, i.name); });
+  if (image == model.poses.images.end()) return "";
+  for (const Camera& other : model.cameras) {
+    if (other.id != image->camera_id || !camera.camera_model) continue;
+    if (other.model == *camera.camera_model &&
+        AreEqualUpToRounding(camera.camera_params, other.params)) {
+      continue;
+    }
+    return "intrinsics " +
+           DescribeIntrinsics(*camera.camera_model, camera.camera_params) +
+           ", not " + DescribeIntrinsics(other.model, other.params);
+  }
+  for (const RigRow& rig : model.poses.rigs) {
+    for (const RigSensorRow& sensor : rig.sensors) {
+      if (sensor.camera_id != image->camera_id ||
+          sensor.camera_id == rig.ref_camera_id || !sensor.sensor_from_rig ||
+          !camera.cam_from_rig) {
+        continue;
+      }
+      const auto difference =
+          WhyDifferent(*camera.cam_from_rig, *sensor.sensor_from_rig);
+      if (difference) return "a pose in the rig that differs " + *difference;
+    }
+  }
+  return "";
+}
+
 // Reads the rigs from a file or a folder: from its rig_config.json or else from
-// its sparse model, which any program may have written.
+// its sparse model, which any program may have written. Throws Error if both
+// exist and contradict each other.
 std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
                                             const Context& context) {
   namespace fs = std::filesystem;
   if (!fs::is_directory(path)) return ReadRigConfig(path);
-  const fs::path config = fs::path(path) / "rig_config.json";
-  if (fs::exists(config)) return ReadRigConfig(config.string());
-  const ModelScene model = LoadModelScene(path, {}, context);
-  return MakeRigConfigs(model.scene, model.reconstruction);
+  const fs::path folder(path), config = folder / "rig_config.json";
+  if (!fs::exists(config)) {
+    const ModelScene model = LoadModelScene(path, {}, context);
+    return MakeRigConfigs(model.scene, model.reconstruction);
+  }
+  std::vector<RigConfig> rigs = ReadRigConfig(config.string());
+  if (!fs::exists(folder / "images.bin") && !fs::exists(folder / "images.txt"))
+    return rigs;
+  const Model model = ReadModel(folder);
+  for (const RigConfig& rig : rigs) {
+    for (const RigConfigCamera& camera : rig.cameras) {
+      const std::string difference = WhyOfAnotherModel(camera, model);
+      if (difference.empty()) continue;
+      throw Error("'" + config.string() +
+                  "' contradicts the model beside it: " + "'" +
+                  camera.NameRule() + "' has " + difference +
+                  "; remove it if another program changed the model, or give "
+                  "the file in place of its folder");
+    }
+  }
+  return rigs;
 }
 
 RigInput MakeRigInput(const std::string& kind, DatabaseContents contents) {
@@ -224,7 +295,10 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
           static_cast<double>(times->times_ns[i]) / kNsPerSecond;
     }
   } else if (!options.image_timestamps_path->empty()) {
-    ReadImageTimestamps(*options.image_timestamps_path, &result.scene);
+    const std::string& path = *options.image_timestamps_path;
+    ReadImageTimestamps(path, &result.scene);
+    const auto problem = WhyTimesAreNotSeconds(path, result.scene);
+    if (problem) context.Warning(*problem);
   }
   SortFrames(&result.scene);
   return result;

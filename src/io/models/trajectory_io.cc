@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <string>
 #include <utility>
@@ -124,7 +125,7 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
 
 std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
   TextLines lines(path);
-  std::vector<Rigid3> cameras;
+  std::multimap<std::string, Rigid3> cameras;  // by name; "" without names
   while (lines.NextContent()) {
     const std::string_view line = lines.line();
     const size_t colon = line.find(':');
@@ -142,12 +143,14 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
     if (const auto problem = WhyImplausible(cam_from_cam0)) {
       lines.Throw("the pose of the camera " + *problem);
     }
-    cameras.push_back(cam_from_cam0);
+    cameras.emplace(has_name ? line.substr(0, colon) : "", cam_from_cam0);
   }
   if (cameras.empty()) {
     throw Error("'" + path.string() + "' holds no 3x4 projection matrix");
   }
-  return cameras;
+  std::vector<Rigid3> in_order;
+  for (const auto& entry : cameras) in_order.push_back(entry.second);
+  return in_order;
 }
 
 Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {

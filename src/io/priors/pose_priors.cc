@@ -20,8 +20,8 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "priors/position_files.h"
-#include "rigs/rig_inference.h"
 #include "scene/item_lists.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -242,15 +242,16 @@ bool AreGps(const std::vector<Eigen::Vector3d>& positions, PositionKind kind,
   if (fits_radians) {
     throw Error(source +
                 ": positions may be radians; convert them to degrees, or set "
-                "ref_is_gps to 1 if they are degrees, to 0 if they are "
-                "lengths");
+                "ref_is_gps (SpatialMatching.is_gps) to 1 if they are degrees, "
+                "to 0 if they are lengths");
   }
   // Heights in meters differ by more than degrees do, lengths by less.
   const bool is_flat = box.sizes().z() <= extent;
   if (extent <= (is_flat ? kSmallExtentDeg : kMaxExtentDeg)) return true;
   throw Error(source +
-              ": positions may be degrees or lengths; set ref_is_gps to 1 if "
-              "they are latitude, longitude and altitude, else to 0");
+              ": positions may be degrees or lengths; set ref_is_gps "
+              "(SpatialMatching.is_gps) to 1 if they are latitude, longitude "
+              "and altitude, else to 0");
 }
 
 PositionPriors MakePositionPriors(const Scene& scene,

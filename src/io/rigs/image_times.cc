@@ -273,9 +273,27 @@ void CheckOrder(const std::filesystem::path& path, const Scene& scene,
   }
 }
 
+// The median time between frames; nullopt if there is one frame only.
+std::optional<double> FrameInterval(const Scene& scene) {
+  std::vector<double> times_s, intervals_s;
+  for (const Frame& frame : scene.frames) {
+    double first_s = std::numeric_limits<double>::infinity();
+    for (const int image_idx : frame.image_idxs) {
+      first_s = std::min(first_s, *scene.images[image_idx].timestamp_s);
+    }
+    times_s.push_back(first_s);
+  }
+  std::sort(times_s.begin(), times_s.end());
+  for (size_t i = 1; i < times_s.size(); ++i) {
+    intervals_s.push_back(times_s[i] - times_s[i - 1]);
+  }
+  if (intervals_s.empty()) return std::nullopt;
+  return Median(std::move(intervals_s));
+}
+
 // Throws Error if images within frames are farther apart than frames are.
 void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
-  std::vector<double> times_s, spreads_s, intervals_s;
+  std::vector<double> spreads_s;
   int widest_idx = -1;
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     double first_s = std::numeric_limits<double>::infinity(), last_s = -first_s;
@@ -283,26 +301,21 @@ void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
       first_s = std::min(first_s, *scene.images[image_idx].timestamp_s);
       last_s = std::max(last_s, *scene.images[image_idx].timestamp_s);
     }
-    times_s.push_back(first_s);
     if (widest_idx < 0 || last_s - first_s > spreads_s[widest_idx]) {
       widest_idx = static_cast<int>(f);
     }
     spreads_s.push_back(last_s - first_s);
   }
-  std::sort(times_s.begin(), times_s.end());
-  for (size_t i = 1; i < times_s.size(); ++i) {
-    intervals_s.push_back(times_s[i] - times_s[i - 1]);
-  }
-  if (intervals_s.empty()) return;
+  const std::optional<double> interval_s = FrameInterval(scene);
   const double spread_s = Median(spreads_s);
-  const double interval_s = Median(std::move(intervals_s));
-  if (spread_s <= interval_s) return;
+  if (!interval_s || spread_s <= *interval_s) return;
   const auto text = [](double value_s) {
     return FormatDouble(value_s, std::chars_format::general, 4) + " s";
   };
   Throw(path, "has times of the images of one frame that differ by " +
                   text(spread_s) + " in the median, more than the " +
-                  text(interval_s) + " between frames, such as in the frame '" +
+                  text(*interval_s) +
+                  " between frames, such as in the frame '" +
                   scene.frames[widest_idx].name +
                   "'; correct the times, or pair images by time with "
                   "frame_max_time_difference_s");
@@ -322,6 +335,28 @@ std::vector<double> ReadImageTimes(const std::filesystem::path& path,
     times_s.push_back(*time_s);
   }
   return times_s;
+}
+
+void CheckImageTimes(const std::filesystem::path& path,
+                     const std::vector<std::string>& names) {
+  (void)TimestampReader(path, UnknownImages::kReject, names).Read();
+}
+
+std::optional<std::string> WhyTimesAreNotSeconds(
+    const std::filesystem::path& path, const Scene& scene) {
+  const double interval_s = FrameInterval(scene).value_or(0.0);
+  // Faster than 100 Hz in these units, or slower than 0.1 Hz in seconds.
+  constexpr double kMaxInterval = 0.01;
+  for (const auto& [unit, per_second] :
+       {std::pair("nanoseconds", 1e9), std::pair("microseconds", 1e6),
+        std::pair("milliseconds", 1e3)}) {
+    if (interval_s <= kMaxInterval * per_second) continue;
+    return "'" + path.string() + "': frames are " +
+           FormatDouble(interval_s, std::chars_format::general, 4) +
+           " s apart in the median; if the times are in " + unit +
+           ", give seconds";
+  }
+  return std::nullopt;
 }
 
 void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,

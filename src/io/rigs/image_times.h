@@ -47,6 +47,15 @@ std::vector<double> ReadImageTimes(
     const std::filesystem::path& path, const std::vector<std::string>& names,
     UnknownImages others = UnknownImages::kReject);
 
+// Throws Error for lines as above, although images may be missing.
+void CheckImageTimes(const std::filesystem::path& path,
+                     const std::vector<std::string>& names);
+
+// Why the times of a file are probably not in seconds: images of a moving rig
+// overlap only if less lies between them. nullopt if they may be.
+std::optional<std::string> WhyTimesAreNotSeconds(
+    const std::filesystem::path& path, const Scene& scene);
+
 // Sets the times of all images. Throws Error as above, and for frames of a rig
 // whose times do not increase in the natural order of their names ("9" before
 // "10").

@@ -181,9 +181,4 @@ std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input);
 Scene BuildScene(RigInput input, RigAssignment assignment,
                  const Context& context);
 
-// Why known sensor poses cannot be in meters: rigs on ships and trucks are
-// shorter than the bound, and baselines in millimeters exceed it. nullopt if
-// they may be in meters.
-std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene);
-
 }  // namespace mgsfm

@@ -341,6 +341,25 @@ std::vector<ImageKeys> KeysByFolders(const RigInput& input, bool by_name) {
   return keys;
 }
 
+// Throws Error if folders are frames: there are more folders than frames, and
+// the files in them are named like cameras, as in 000017/left.jpg.
+void CheckFoldersAreCameras(const RigInput& input,
+                            const RigAssignment& assignment) {
+  const auto num_called = static_cast<size_t>(std::count_if(
+      assignment.sensors.begin(), assignment.sensors.end(),
+      [](const auto& sensor) { return IsCalledLikeCamera(sensor.name); }));
+  const size_t num_sensors = assignment.sensors.size();
+  if (num_sensors <= assignment.frames.size() || 2 * num_called > num_sensors) {
+    return;
+  }
+  const auto rule = SuggestRigRule(input);
+  if (!rule || !rule->is_likely) return;
+  throw Error(input.Name() + ": by their folders, images would be of " +
+              std::to_string(num_sensors) + " cameras in " +
+              std::to_string(assignment.frames.size()) + " frames, but " +
+              rule->text + "; otherwise, set it to none");
+}
+
 // Suggests how to form rigs if most images are single although their times or
 // names would form frames.
 void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
@@ -369,7 +388,10 @@ RigAssignment AssignByFolders(const RigInput& input, const FrameTimes* times,
   std::vector<ImageKeys> keys = KeysByFolders(input, times == nullptr);
   if (times != nullptr) SetFramesByTime(input, *times, context, &keys);
   RigAssignment assignment = AssignByKeys(input, keys);
-  if (times == nullptr) SuggestRigs(input, assignment, context);
+  if (times == nullptr) {
+    CheckFoldersAreCameras(input, assignment);
+    SuggestRigs(input, assignment, context);
+  }
   assignment.source =
       times == nullptr ? "image names" : "image folders and times";
   return assignment;

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "base/grouped_warnings.h"
-#include "base/text.h"
 #include "mgsfm/base/error.h"
 #include "rigs/rig_inference.h"
 #include "scene/intrinsics_check.h"
@@ -272,23 +271,6 @@ void SceneBuilder::AddImage(int image_idx) {
 Scene BuildScene(RigInput input, RigAssignment assignment,
                  const Context& context) {
   return SceneBuilder(std::move(input), std::move(assignment), context).Build();
-}
-
-std::optional<std::string> WhyRigsAreNotMetric(const Scene& scene) {
-  constexpr double kMaxLength_m = 30.0;
-  for (const Rig& rig : scene.rigs) {
-    double length = 0.0;
-    for (const int i : rig.sensor_idxs) {
-      const auto& pose = scene.sensors[i].sensor_from_rig;
-      if (pose) length = std::max(length, pose->Center().norm());
-    }
-    if (length <= kMaxLength_m) continue;
-    return "a camera of the rig of '" + scene.sensors[rig.ref_sensor_idx].name +
-           "' is " + FormatDouble(length, std::chars_format::general, 4) +
-           " from the reference, which counts as meters; divide the "
-           "translations by 1000 if they are in millimeters";
-  }
-  return std::nullopt;
 }
 
 }  // namespace mgsfm

@@ -11,6 +11,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "scene/observations.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -38,10 +39,12 @@ std::string MetricWithin(const MapperModel& model) {
   return text;
 }
 
-std::string UnitOfLength(const MapperResult& result, const MapperModel& model) {
+std::string UnitOfLength(const Scene& scene, const MapperResult& result,
+                         const MapperModel& model) {
   // Registration to positions keeps the unit of a known rig.
   if (model.translation.is_metric) {
-    return MetricWithin(model) + ", that of the known rig";
+    return (WhyRigsAreNotMetric(scene) ? "no meter" : MetricWithin(model)) +
+           ", that of the known rig";
   }
   if (model.position_priors && model.position_priors->is_registered) {
     return "metric, that of the measured positions";
@@ -55,7 +58,7 @@ std::string UnitOfLength(const MapperResult& result, const MapperModel& model) {
     if (&first == &model) break;
     if (!first.has_shared_unit) continue;
     const bool is_metric =
-        UnitOfLength(result, first).compare(0, 6, "metric") == 0;
+        UnitOfLength(scene, result, first).compare(0, 6, "metric") == 0;
     return (is_metric ? "metric, that of model " : "that of model ") +
            std::to_string(m) + ", by the baselines of their rig";
   }
@@ -173,7 +176,7 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
   if (model.kept_matches.total.num_matches > 0) {
     summary.kept_share = model.kept_matches.total.Share();
   }
-  summary.unit_of_length = UnitOfLength(result, model);
+  summary.unit_of_length = UnitOfLength(scene, result, model);
   summary.lenses = LensesOf(scene, result, model);
   summary.accuracies = Accuracies(scene, model);
   return summary;

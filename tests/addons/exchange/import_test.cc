@@ -199,8 +199,11 @@ TEST_F(Import, DamagedNvmIsRefused) {
   WriteImage("cam a/1.jpg", 640, 480);
   const std::string head = "NVM_V3\n\n1\n";
   const std::string image = kNvmImage;
-  ExpectRefused("a.nvm", "NVM_V2\n",
-                AllOf(HasSubstr("line 1"), HasSubstr("NVM_V3")));
+  // R9T has rotation matrices.
+  for (const char* version : {"NVM_V2\n", "NVM_V3_R9T\n"}) {
+    ExpectRefused("a.nvm", version,
+                  AllOf(HasSubstr("line 1"), HasSubstr("NVM_V3")));
+  }
   ExpectRefused("a.nvm", head + "1.jpg 500 1 0 0\n",
                 AllOf(HasSubstr("line 4"), HasSubstr("an image:")));
   ExpectRefused("a.nvm", head + "1.jpg 500 0 0 0 0 1 2 3 0 0\n",

@@ -222,11 +222,37 @@ TEST_F(BadImagesTest, MaskIsNotAnImage) {
   ExpectRejected("later.png", "has a mask", options);
 }
 
-TEST_F(BadImagesTest, NoMaskAtAll) {
+TEST_F(BadImagesTest, MasksThatAreNoFolderOrFile) {
   FeatureExtractionOptions options;
-  options.reader.mask_path = (dir_.path() / "nowhere").string();
-  EXPECT_THAT(ErrorOf([&] { Extract(options); }),
-              HasSubstr("no image has a mask"));
+  for (const std::string& path :
+       {(dir_.path() / "nowhere").string(), ImagePath("good.png").string()}) {
+    options.reader.mask_path = path;
+    EXPECT_THAT(ErrorOf([&] { Extract(options); }),
+                AllOf(HasSubstr(path), HasSubstr("is not a folder")));
+  }
+  options.reader.mask_path = "";
+  options.reader.camera_mask_path = dir_.path().string();
+  EXPECT_THAT(ErrorOf([&] { Extract(options); }), HasSubstr("is not a file"));
+}
+
+TEST_F(BadImagesTest, MasksThatHideEverything) {
+  cv::Mat black(90, 120, CV_8U, cv::Scalar(0));
+  const std::filesystem::path folder = dir_.path() / "masks";
+  std::filesystem::create_directory(folder);
+  ASSERT_TRUE(cv::imwrite((folder / "good.png.png").string(), black));
+  FeatureExtractionOptions options;
+  options.reader.mask_path = folder.string();
+  Extract(options);
+  options.reader.mask_path = "";
+  options.reader.camera_mask_path = (folder / "good.png.png").string();
+  std::filesystem::remove(DatabasePath());
+  Extract(options);
+  EXPECT_EQ(std::count_if(warnings_.begin(), warnings_.end(),
+                          [](const std::string& warning) {
+                            return warning.find("hide the whole image") !=
+                                   std::string::npos;
+                          }),
+            2);
 }
 
 // Such images are kept, as in COLMAP, with a warning.

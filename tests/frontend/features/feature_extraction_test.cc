@@ -257,6 +257,7 @@ TEST_F(FeatureExtractionTest, CountsImagesThatMasksDoNotFit) {
   };
   FeatureExtractionOptions options;
   options.reader.mask_path = (dir_.path() / "masks").string();
+  std::filesystem::create_directory(dir_.path() / "masks");
   EXPECT_THAT(Problem(options), HasSubstr("no image has a mask in"));
   warnings_.clear();
   write("left/1.png");
@@ -277,6 +278,62 @@ TEST_F(FeatureExtractionTest, CountsImagesThatMasksDoNotFit) {
   Extract(options, "unmasked.db");
   EXPECT_THAT(warnings_, testing::ElementsAre(HasSubstr(
                              "features of 3 of 3 images were made without")));
+}
+
+// Beside their images, or in a folder among those of images.
+TEST_F(FeatureExtractionTest, MasksAmongTheImagesAreNoImages) {
+  WriteFolders();
+  Extract({}, "all.db");
+  const std::vector<std::string> names = ListImages(ImagePath("").string(), "");
+  const cv::Mat mask(90, 120, CV_8U, cv::Scalar(255));
+  for (const char* folder : {"", "masks/"}) {
+    for (const std::string& name : names) {
+      const std::filesystem::path path = ImagePath(folder + name + ".png");
+      std::filesystem::create_directories(path.parent_path());
+      ASSERT_TRUE(cv::imwrite(path.string(), mask));
+    }
+    FeatureExtractionOptions options;
+    options.reader.mask_path = ImagePath(folder).string();
+    const std::string database = std::string(folder).empty() ? "a.db" : "b.db";
+    Extract(options, database);
+    ExpectEqual(Images(database), Images("all.db"));
+    for (const std::string& name : names) {
+      std::filesystem::remove(ImagePath(folder + name + ".png"));
+    }
+  }
+}
+
+TEST_F(FeatureExtractionTest, IntrinsicsThatTheDatabaseContradictsAreNamed) {
+  WriteFolders();
+  FeatureExtractionOptions options;
+  options.reader.camera_model = "PINHOLE";
+  for (const char* params :
+       {"100,100,60,45", "100,100,60,45", "110,110,60,45"}) {
+    EXPECT_THAT(warnings_, testing::IsEmpty());
+    options.reader.camera_params = params;
+    Extract(options, "all.db");
+  }
+  EXPECT_THAT(warnings_,
+              testing::ElementsAre(HasSubstr("other intrinsics of 3 images")));
+  Extract({}, "all.db");
+  EXPECT_EQ(warnings_.size(), 1u);
+}
+
+// Instances are numbered from 1; 0 is the background.
+TEST_F(FeatureExtractionTest, MasksOfSixteenBitsHideZerosOnly) {
+  WriteFolders();
+  Extract({}, "all.db");
+  cv::Mat mask(90, 120, CV_16U, cv::Scalar(1));
+  mask.at<uint16_t>(89, 119) = 65535;
+  for (const auto& [name, image] : Images("all.db")) {
+    const auto path = dir_.path() / "masks" / (name + ".png");
+    std::filesystem::create_directories(path.parent_path());
+    ASSERT_TRUE(cv::imwrite(path.string(), mask));
+  }
+  FeatureExtractionOptions options;
+  options.reader.mask_path = (dir_.path() / "masks").string();
+  Extract(options, "masked.db");
+  ExpectEqual(Images("masked.db"), Images("all.db"));
 }
 
 // The first image of a folder defines its camera.

@@ -113,6 +113,16 @@ class FeatureImportTest : public testing::Test {
   FeatureImportOptions options_;
 };
 
+TEST_F(FeatureImportTest, MasksThatHideNothingAreRefused) {
+  WriteSmallFiles({0, 1, 2});
+  options_.reader.camera_mask_path = Path("mask.png");
+  EXPECT_THAT(ImportError(),
+              HasSubstr("ImageReader.camera_mask_path hides no"));
+  options_.reader.camera_mask_path = "";
+  options_.reader.mask_path = Path("masks");
+  EXPECT_THAT(ImportError(), HasSubstr("ImageReader.mask_path hides no"));
+}
+
 TEST_F(FeatureImportTest, ReadsKeypointsDescriptorsAndMatches) {
   WriteSmallFiles({2, -1, 0});
   const FeatureImportSummary summary = Import();

@@ -312,6 +312,23 @@ TEST_F(MatchingTest, SpatialUsesPositions) {
   EXPECT_EQ(summary.num_pairs, 6u + 5u * 4u);
 }
 
+TEST_F(MatchingTest, SpatialRefusesPositionsThatCannotBe) {
+  using CoordinateSystem = PosePriorRow::CoordinateSystem;
+  const auto error_of = [&](const std::string& name, CoordinateSystem system,
+                            double x) {
+    FeatureDatabase database = MakeDatabase(name, 2);
+    const Scene scene = LoadSceneOf(database);
+    database.WritePosePrior(
+        {scene.images[0].id, CoordinateSystem::kWgs84, {49.0, 8.4, 100.0}, {}});
+    database.WritePosePrior({scene.images[1].id, system, {x, 8.4, 100.0}, {}});
+    return ErrorOf([&] { MatchSpatially(&database, scene, {}, {}, {}); });
+  };
+  EXPECT_THAT(error_of("pole.db", CoordinateSystem::kWgs84, 149.0),
+              testing::HasSubstr("is not a latitude"));
+  EXPECT_THAT(error_of("mixed.db", CoordinateSystem::kCartesian, 49.0),
+              testing::HasSubstr("partly WGS84, partly Cartesian"));
+}
+
 TEST_F(MatchingTest, ImportsRawAndInlierMatches) {
   FeatureDatabase database = MakeDatabase("a.db", 2);
   const Scene scene = LoadSceneOf(database);
