@@ -7,6 +7,7 @@
 #include "io/test_database.h"
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/scene_loading.h"
+#include "support/error_of.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -223,9 +224,9 @@ TEST_F(RigConfigTest, ModelIsReadLikeItsConfig) {
   const std::filesystem::path folder = dir_.path() / "model";
   std::filesystem::create_directory(folder);
   WriteModel(folder, scene, model, ModelFormat::kBinary);
-  const auto read = [&] {
+  const auto read = [&](const std::filesystem::path& path) {
     SceneLoadingOptions options;
-    options.rig_config_path = folder.string();
+    options.rig_config_path = path.string();
     return LoadScene(MakeContents(names), options, Context()).scene;
   };
   const auto expect_poses = [&](const Scene& loaded) {
@@ -237,10 +238,16 @@ TEST_F(RigConfigTest, ModelIsReadLikeItsConfig) {
       EXPECT_LT((pose.translation - expected.translation).norm(), 1e-12);
     }
   };
-  expect_poses(read());
+  expect_poses(read(folder));
+  const std::filesystem::path config = folder / "rig_config.json";
+  WriteRigConfig(config.string(), scene, model);
+  expect_poses(read(folder));
+  // A configuration that contradicts the model beside it counts only by name.
   model.sensor_from_rig[1]->translation.x() = 7.0;
-  WriteRigConfig((folder / "rig_config.json").string(), scene, model);
-  expect_poses(read());
+  WriteRigConfig(config.string(), scene, model);
+  EXPECT_NE(ErrorOf([&] { read(folder); }).find("contradicts the model"),
+            std::string::npos);
+  expect_poses(read(config));
 }
 
 TEST_F(RigConfigTest, OneRigInTwoFoldersIsWrittenTwice) {
