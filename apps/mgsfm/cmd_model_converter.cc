@@ -235,15 +235,27 @@ ModelFile PlaceOnTrajectory(const ModelConverterOptions& options,
   return {{std::move(scene), std::move(model)}, {}};
 }
 
+// Throws Error if a file is given that this kind of input does not need.
+void CheckIsUnused(const Option<std::string>& path, const std::string& reads) {
+  if (path->empty()) return;
+  throw Error("--" + std::string(path.Info().name) + " '" + *path +
+              "' would not be read: it is for " + reads +
+              "; omit it, or correct the type of input or output");
+}
+
 ModelFile ReadInput(const ModelConverterOptions& options,
                     const Context& context) {
-  if (const auto format = FindTrajectoryFormat(options.input_type)) {
-    return PlaceOnTrajectory(options, *format, context);
-  }
+  const auto trajectory = FindTrajectoryFormat(options.input_type);
   const bool is_auto = *options.input_type == "auto";
-  if (is_auto && fs::is_directory(*options.input_path)) {
-    return ReadModelFile(options.input_path, options.rigs, context);
+  const bool is_model =
+      !trajectory && is_auto && fs::is_directory(*options.input_path);
+  if (trajectory || is_model) {
+    CheckIsUnused(options.image_path, "nvm, bundler and nerfstudio input");
+    CheckIsUnused(options.list_path, "bundler input");
   }
+  if (trajectory) return PlaceOnTrajectory(options, *trajectory, context);
+  CheckIsUnused(options.database_path, "tum, kitti and euroc input");
+  if (is_model) return ReadModelFile(options.input_path, options.rigs, context);
   const ImportFormat* format = is_auto ? GuessImportFormat(*options.input_path)
                                        : FindImportFormat(*options.input_type);
   if (is_auto && !fs::exists(*options.input_path)) {
@@ -252,6 +264,9 @@ ModelFile ReadInput(const ModelConverterOptions& options,
                 "or a file");
   }
   if (format == nullptr) ThrowUnknownInput(options);
+  if (format->name != "bundler") {
+    CheckIsUnused(options.list_path, "bundler input");
+  }
   const Model model = format->read(
       {*options.input_path, *options.image_path, *options.list_path}, context);
   ModelFile result =
@@ -267,6 +282,10 @@ int RunModelConverter(const ModelConverterOptions& options,
   const ExchangeFormat* format =
       model_format ? nullptr : &FindFormat(options.output_type);
   std::optional<StagedOutput> output;
+  if (!FindTrajectoryFormat(options.input_type) &&
+      !FindTrajectoryFormat(options.output_type)) {
+    CheckIsUnused(options.image_timestamps_path, "trajectories");
+  }
   if (model_format) output.emplace(*options.output_path, OutputKind::kModel);
   ModelFile input = ReadInput(options, context);
   if (!options.origin->empty()) {

@@ -159,6 +159,12 @@ std::vector<fs::path> FilesOf(const fs::path& path) {
   return files;
 }
 
+// Options of several inputs have numbered names, such as input_path1.
+bool IsPathOption(const std::string& name) {
+  return EndsWith(name.substr(0, name.find_last_not_of("0123456789") + 1),
+                  "_path");
+}
+
 // Some options take a list of paths, separated by commas.
 std::vector<NamedPath> ReadInputs(const std::vector<Target>& targets,
                                   const OptionList& options,
@@ -176,7 +182,7 @@ std::vector<NamedPath> ReadInputs(const std::vector<Target>& targets,
         std::any_of(targets.begin(), targets.end(), [&](const Target& target) {
           return target.output->option == entry.name;
         });
-    if (!EndsWith(entry.name, "_path") || is_output ||
+    if (!IsPathOption(entry.name) || is_output ||
         !std::holds_alternative<std::string>(value)) {
       continue;
     }

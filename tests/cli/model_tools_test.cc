@@ -506,6 +506,12 @@ TEST_F(ModelTools, PartsMergeToTheWhole) {
   EXPECT_EQ(merged.rigs.size(), 1u);
   EXPECT_EQ(merged.frames.size(), 24u);
   EXPECT_EQ(merged.images.size(), 96u);
+  for (const char* input : {"first", "moved"}) {
+    ExpectRefused("model_merger --input_path1 " + Path("first") +
+                      " --input_path2 " + Path("moved") + " --output_path " +
+                      Path(input),
+                  HasSubstr("would replace"));
+  }
   ExpectRefused(deleter + Path("none.txt") + " --output_path " + Path("x"),
                 HasSubstr("none.txt"));
   WriteTextFile(Path("bad.txt"), "cam0/nowhere.png\n");
@@ -547,6 +553,18 @@ TEST_F(ModelTools, CountsWhatColmapCounts) {
     }
   }
   EXPECT_EQ(num_lines, 7);
+}
+
+TEST_F(ModelTools, FilesThatAConversionWouldNotReadAreNamed) {
+  const std::string call = "model_converter --input_path " + DemoTruth() +
+                           " --output_path " + Path("out.ply") +
+                           " --output_type ply ";
+  for (const char* option :
+       {"image_path", "list_path", "database_path", "image_timestamps_path"}) {
+    ExpectRefused(call + "--" + option + " " + DemoDatabase(),
+                  AllOf(HasSubstr(option), HasSubstr("would not be read")));
+  }
+  EXPECT_FALSE(fs::exists(Path("out.ply")));
 }
 
 TEST_F(ModelTools, DatabasesAreMergedAndCleaned) {

@@ -40,11 +40,19 @@ TEST_F(CalibrationTest, CamerasAtOnePlaceKeepTheirRotations) {
   ExpectPose(CamFromFirst(cameras, 2), rotation, {0.0, 0.0, 0.0});
 }
 
-TEST_F(CalibrationTest, KalibrWithoutChain) {
+TEST_F(CalibrationTest, KalibrWithPartOfAChain) {
   std::string text = kKalibr;
-  text.replace(text.find("T_cn_cnm1"), 9, "T_unknown");
-  const Cameras cameras = ReadCalibration(Write("camchain.yaml", text));
-  for (const CalibratedCamera& camera : cameras) {
+  const auto remove = [&] {
+    text.replace(text.find("T_cn_cnm1"), 9, "T_unknown");
+    return ReadCalibration(Write("camchain.yaml", text));
+  };
+  const Cameras part = remove();
+  EXPECT_FALSE(part[0].cam_from_base.has_value());
+  Eigen::Matrix3d rotation;
+  rotation << 0, 0, -1, 0, 1, 0, 1, 0, 0;
+  ExpectPose(*part[2].cam_from_base * part[1].cam_from_base->Inverse(),
+             rotation, {0.5, 0.0, 0.0});
+  for (const CalibratedCamera& camera : remove()) {
     EXPECT_FALSE(camera.cam_from_base.has_value());
   }
 }
@@ -69,6 +77,32 @@ TEST_F(CalibrationTest, MalformedChainsNameLineAndRemedy) {
                             "  resolution: [376, 240]"),
               AllOf(HasSubstr("line 8"), HasSubstr("'resolution'"),
                     HasSubstr("twice")));
+}
+
+// The chain continues after a gap that the inertial sensor closes, or does not.
+TEST_F(CalibrationTest, GapsOfChainsAreClosedByTheInertialSensor) {
+  const auto camera = [](int i, const std::string& poses) {
+    return "cam" + std::to_string(i) +
+           ":\n  camera_model: pinhole\n  distortion_model: none\n"
+           "  intrinsics: [400, 400, 320, 240]\n"
+           "  resolution: [640, 480]\n" +
+           poses;
+  };
+  const auto pose = [](const std::string& key, double x_m) {
+    return "  " + key + ": [[1, 0, 0, " + std::to_string(x_m) +
+           "], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n";
+  };
+  const std::string first = camera(0, pose("T_cam_imu", 0.5));
+  const std::string last = camera(2, pose("T_cn_cnm1", 0.25));
+  const Cameras cameras = ReadCalibration(
+      Write("closed.yaml", first + camera(1, pose("T_cam_imu", 0.7)) + last));
+  // 0.7 - 0.5, and 0.25 more.
+  EXPECT_NEAR(CamFromFirst(cameras, 1).translation.x(), 0.2, 1e-12);
+  EXPECT_NEAR(CamFromFirst(cameras, 2).translation.x(), 0.45, 1e-12);
+  const std::string open = Write("open.yaml", first + camera(1, "") + last);
+  EXPECT_THAT(
+      ErrorOf([&] { (void)ReadCalibration(open); }),
+      AllOf(HasSubstr("open.yaml"), HasSubstr("cam1"), HasSubstr("T_cn_cnm1")));
 }
 
 constexpr char kLens[] =

@@ -63,6 +63,17 @@ TEST_F(CalibrationRigsTest, SetsIntrinsicsAndPoses) {
                               "OPENCV, pose known"));
 }
 
+TEST_F(CalibrationRigsTest, PosesRelativeToALaterCameraAreKept) {
+  std::string text = kKalibr;
+  text.replace(text.find("T_cn_cnm1"), 9, "T_unknown");
+  Write("camchain.yaml", text);
+  const Scene scene = Load({"cam0/1.png", "cam1/1.png", "cam2/1.png"});
+  EXPECT_TRUE(scene.IsReference(1));
+  EXPECT_FALSE(scene.sensors[0].sensor_from_rig.has_value());
+  EXPECT_NEAR(scene.sensors[2].sensor_from_rig->translation.x(), 0.5, 1e-12);
+  EXPECT_THAT(log_, HasSubstr("OPENCV, pose to be estimated"));
+}
+
 // Topics take precedence over cam0, cam1, ..., which follow their order.
 TEST_F(CalibrationRigsTest, MatchesTopicsNamesAndNumbers) {
   const auto first_params = [&](const std::vector<std::string>& names,

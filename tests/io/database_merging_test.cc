@@ -436,6 +436,26 @@ TEST_F(DatabaseMerging, VehiclesShareTheirRigAndSessionsTheirNames) {
 }
 
 // Rigs that a database holds, but that no rows define.
+TEST_F(DatabaseMerging, LostRigsAreNamed) {
+  MakeDatabase("a.db", "a");
+  MakeDatabase("b.db", "b");
+  Open("b.db").WriteRigsAndFrames({}, {});
+  std::vector<std::string> warnings;
+  Context context;
+  context.log = [&](LogLevel level, const std::string& text) {
+    if (level == LogLevel::kWarning) warnings.push_back(text);
+  };
+  MergeDatabases({{Path("a.db")}, {Path("b.db")}}, Path("merged.db"), context);
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_THAT(warnings[0], AllOf(HasSubstr("b.db' has no rigs"),
+                                 HasSubstr("4 of its images")));
+  // Both databases give the images frames by their folders.
+  Open("a.db").WriteRigsAndFrames({}, {});
+  warnings.clear();
+  MergeDatabases({{Path("a.db")}, {Path("b.db")}}, Path("both.db"), context);
+  EXPECT_THAT(warnings, testing::IsEmpty());
+}
+
 TEST_F(DatabaseMerging, DamagedRigsAreNamed) {
   const std::pair<const char*, const char*> damages[] = {
       {"UPDATE rigs SET ref_sensor_type = 1", "rig 3"},

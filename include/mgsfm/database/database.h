@@ -90,6 +90,9 @@ struct DatabaseContents {
   std::vector<FrameRow> frames;     // empty before COLMAP 3.12
   // The selection excludes some images, so a camera of a rig may have none.
   bool is_selection = false;
+
+  // Whether a rig has several cameras, or a frame several images.
+  bool HasRigs() const;
 };
 
 // The part of a database to read. Memory is proportional to this part.

@@ -204,33 +204,42 @@ RigConfigCamera MakeConfig(const RigInput& input,
   return config;
 }
 
-// Makes a rig for each outer folder.
+// Makes a rig for each outer folder. The reference is the first camera with a
+// pose, so that no known pose is lost, or else the first camera.
 std::vector<RigConfig> MakeRigs(const RigInput& input,
                                 const std::vector<CalibratedCamera>& cameras,
                                 const CameraMatcher& matcher) {
   struct OuterRig {
     RigConfig rig;
-    const CalibratedCamera* reference = nullptr;
+    std::vector<const CalibratedCamera*> cameras;
   };
   std::map<std::string, OuterRig> rigs;
   for (size_t c = 0; c < cameras.size(); ++c) {
-    const CalibratedCamera& camera = cameras[c];
     for (const Prefix* prefix : matcher.PrefixesOf(c)) {
       OuterRig& outer = rigs[prefix->outer];
-      RigConfigCamera config = MakeConfig(input, camera, *prefix);
-      if (outer.reference == nullptr) {
-        outer.reference = &camera;
-        config.is_reference = true;
-        config.cam_from_rig = Rigid3();
-      } else if (camera.cam_from_base && outer.reference->cam_from_base) {
-        config.cam_from_rig =
-            *camera.cam_from_base * outer.reference->cam_from_base->Inverse();
-      }
-      outer.rig.cameras.push_back(std::move(config));
+      outer.cameras.push_back(&cameras[c]);
+      outer.rig.cameras.push_back(MakeConfig(input, cameras[c], *prefix));
     }
   }
   std::vector<RigConfig> configs;
-  for (auto& [outer, rig] : rigs) configs.push_back(std::move(rig.rig));
+  for (auto& [folder, outer] : rigs) {
+    const auto placed = std::find_if(
+        outer.cameras.begin(), outer.cameras.end(),
+        [](const auto* camera) { return camera->cam_from_base.has_value(); });
+    const size_t ref =
+        placed == outer.cameras.end() ? 0 : placed - outer.cameras.begin();
+    for (size_t i = 0; i < outer.cameras.size(); ++i) {
+      RigConfigCamera& config = outer.rig.cameras[i];
+      config.is_reference = i == ref;
+      if (i == ref) {
+        config.cam_from_rig = Rigid3();
+      } else if (outer.cameras[i]->cam_from_base) {
+        config.cam_from_rig = *outer.cameras[i]->cam_from_base *
+                              outer.cameras[ref]->cam_from_base->Inverse();
+      }
+    }
+    configs.push_back(std::move(outer.rig));
+  }
   return configs;
 }
 

@@ -148,37 +148,80 @@ void CheckPosesAgree(const YamlValue& value, const Rigid3& by_imu,
       *difference + "; remove the wrong one");
 }
 
-// nullopt where the chain of T_cn_cnm1 is broken.
 using Poses = std::vector<std::optional<Rigid3>>;
 
-// The base is the first camera; if the chain of T_cn_cnm1 is incomplete, it is
-// the inertial sensor, provided that all cameras have T_cam_imu.
-Poses ReadPoses(const std::vector<YamlValue>& values) {
-  Poses by_chain, by_imu;
-  bool has_imu = true;
-  for (const YamlValue& value : values) {
-    const auto from_imu = value.Find("T_cam_imu");
-    const auto from_before = value.Find("T_cn_cnm1");
-    by_imu.push_back(from_imu ? std::make_optional(from_imu->Pose())
-                              : std::nullopt);
-    has_imu &= from_imu.has_value();
-    const size_t i = by_chain.size();
-    if (i == 0) {
-      by_chain.emplace_back(Rigid3());
-      continue;
-    }
-    by_chain.push_back(
-        from_before && by_chain[i - 1]
-            ? std::make_optional(from_before->Pose() * *by_chain[i - 1])
-            : std::nullopt);
-    if (from_before && by_imu[i] && by_imu[i - 1]) {
-      CheckPosesAgree(value, *by_imu[i] * by_imu[i - 1]->Inverse(),
-                      from_before->Pose());
+// The poses that T_cn_cnm1 and T_cam_imu connect. The base is the first camera
+// that has one of them.
+class KalibrPoses {
+ public:
+  explicit KalibrPoses(const std::vector<YamlValue>& values)
+      : cam_from_base_(values.size()) {
+    for (const YamlValue& value : values) {
+      const auto from_imu = value.Find("T_cam_imu");
+      const auto from_before = value.Find("T_cn_cnm1");
+      cam_from_imu_.push_back(from_imu ? std::make_optional(from_imu->Pose())
+                                       : std::nullopt);
+      cam_from_before_.push_back(from_before && !cam_from_before_.empty()
+                                     ? std::make_optional(from_before->Pose())
+                                     : std::nullopt);
+      const size_t i = cam_from_imu_.size() - 1;
+      if (cam_from_before_[i] && cam_from_imu_[i] && cam_from_imu_[i - 1]) {
+        CheckPosesAgree(value,
+                        *cam_from_imu_[i] * cam_from_imu_[i - 1]->Inverse(),
+                        *cam_from_before_[i]);
+      }
     }
   }
-  const bool has_chain = !by_chain.empty() && by_chain.back().has_value();
-  return has_imu && !has_chain ? by_imu : by_chain;
-}
+
+  // Throws Error for a pose that nothing connects to the base.
+  Poses Connect(const std::vector<YamlValue>& values) {
+    size_t base = 0;
+    while (base < values.size() && !HasPose(base)) ++base;
+    if (base == values.size()) return cam_from_base_;
+    cam_from_base_[base] = Rigid3();
+    while (Advance()) {
+    }
+    for (size_t i = 0; i < values.size(); ++i) {
+      if (cam_from_base_[i] || !HasPose(i)) continue;
+      values[i].Throw(
+          "has a pose that neither T_cn_cnm1 nor T_cam_imu connects to the "
+          "first camera; add the missing one to the cameras before it, or "
+          "remove it");
+    }
+    return cam_from_base_;
+  }
+
+ private:
+  bool HasPose(size_t i) const {
+    return cam_from_imu_[i] || cam_from_before_[i] ||
+           (i + 1 < cam_from_before_.size() && cam_from_before_[i + 1]);
+  }
+  // Connects cameras to the connected ones; returns whether there are any.
+  bool Advance() {
+    bool has_advanced = false;
+    const auto set = [&](const Rigid3& value, std::optional<Rigid3>* pose) {
+      *pose = value;
+      has_advanced = true;
+    };
+    for (size_t i = 0; i < cam_from_base_.size(); ++i) {
+      auto& pose = cam_from_base_[i];
+      if (cam_from_before_[i] && cam_from_base_[i - 1] && !pose) {
+        set(*cam_from_before_[i] * *cam_from_base_[i - 1], &pose);
+      } else if (cam_from_before_[i] && pose && !cam_from_base_[i - 1]) {
+        set(cam_from_before_[i]->Inverse() * *pose, &cam_from_base_[i - 1]);
+      }
+      if (cam_from_imu_[i] && imu_from_base_ && !pose) {
+        set(*cam_from_imu_[i] * *imu_from_base_, &pose);
+      } else if (cam_from_imu_[i] && pose && !imu_from_base_) {
+        set(cam_from_imu_[i]->Inverse() * *pose, &imu_from_base_);
+      }
+    }
+    return has_advanced;
+  }
+
+  Poses cam_from_imu_, cam_from_before_, cam_from_base_;
+  std::optional<Rigid3> imu_from_base_;
+};
 
 }  // namespace
 
@@ -210,7 +253,7 @@ std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
     values.push_back(value);
     cameras.push_back(std::move(camera));
   }
-  const Poses poses = ReadPoses(values);
+  const Poses poses = KalibrPoses(values).Connect(values);
   for (size_t i = 0; i < cameras.size(); ++i) {
     cameras[i].cam_from_base = poses[i];
   }

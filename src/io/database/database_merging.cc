@@ -367,6 +367,35 @@ class PartialFile {
   std::string path_;
 };
 
+// Warns of databases without rigs beside one with rigs: the folders of their
+// images would have formed rigs, but count no longer.
+void WarnOfLostRigs(const std::vector<StructureInput>& inputs,
+                    const MergedStructure& merged, const Context& context) {
+  const auto with_rigs = std::find_if(
+      inputs.begin(), inputs.end(),
+      [](const StructureInput& input) { return input.contents.HasRigs(); });
+  if (with_rigs == inputs.end()) return;
+  std::set<ImageId> images_of_rigs;
+  for (const FrameRow& frame : merged.frames) {
+    if (frame.data.size() < 2) continue;
+    for (const auto& data : frame.data) images_of_rigs.insert(data.image_id);
+  }
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    if (inputs[i].contents.HasRigs()) continue;
+    const auto& positions = merged.image_positions[i];
+    const auto num_single = std::count_if(
+        positions.begin(), positions.end(), [&](const auto& position) {
+          return images_of_rigs.count(merged.images[position.second].id) == 0;
+        });
+    if (num_single == 0) continue;
+    context.Warning("database '" + inputs[i].path + "' has no rigs, but '" +
+                    with_rigs->path + "' has: " + std::to_string(num_single) +
+                    " of its images are single in the merged database, even "
+                    "if their folders form rigs; run rig_configurator on it "
+                    "before merging");
+  }
+}
+
 DatabaseMergeSummary MergeFeatures(const std::vector<Input>& inputs,
                                    const std::string& output_path,
                                    const Context& context) {
@@ -383,6 +412,7 @@ DatabaseMergeSummary MergeFeatures(const std::vector<Input>& inputs,
     throw Error(
         "there are no images to merge; the extractor gives the reasons");
   }
+  WarnOfLostRigs(structures, structure, context);
   FeatureDatabase output(output_path, FeatureDatabase::OpenMode::kOrCreate);
   DatabaseTransaction transaction(&output);
   DatabaseCopier copier(structure, &output, context);

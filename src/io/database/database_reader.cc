@@ -520,6 +520,15 @@ std::vector<std::string> ReadImageNames(const std::string& path) {
   return names;
 }
 
+bool DatabaseContents::HasRigs() const {
+  return std::any_of(
+             rigs.begin(), rigs.end(),
+             [](const RigRow& rig) { return rig.sensors.size() > 1; }) ||
+         std::any_of(frames.begin(), frames.end(), [](const FrameRow& frame) {
+           return frame.data.size() > 1;
+         });
+}
+
 DatabaseContents ReadDatabase(const std::string& path, const Context& context,
                               const DatabaseSelection& selection) {
   const SqliteSnapshot snapshot(path);

@@ -165,17 +165,17 @@ std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
   return times_ns;
 }
 
-std::optional<FrameTimes> ReadFrameTimes(const RigInput& input,
-                                         const SceneLoadingOptions& options) {
+std::optional<TimedImages> ReadFrameTimes(const RigInput& input,
+                                          const SceneLoadingOptions& options) {
   if (!options.PairsFramesByTime()) return std::nullopt;
-  return FrameTimes{
+  return TimedImages{
       ReadTimes(input, options.image_timestamps_path),
       std::llround(options.frame_max_time_difference_s * kNsPerSecond)};
 }
 
 RigAssignment AssignRigs(const RigInput& input,
                          const SceneLoadingOptions& options,
-                         const FrameTimes* times, const Context& context) {
+                         const TimedImages* times, const Context& context) {
   if (!options.rig_config_path->empty() && !options.calibration_path->empty()) {
     throw Error(
         "both rig_config_path and calibration_path are set; set one of them");
@@ -272,7 +272,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
                              const SceneLoadingOptions& options,
                              const Context& context) {
   RigInput input = MakeRigInput(kind, std::move(contents));
-  const std::optional<FrameTimes> times = ReadFrameTimes(input, options);
+  const std::optional<TimedImages> times = ReadFrameTimes(input, options);
   RigAssignment assignment =
       AssignRigs(input, options, times ? &*times : nullptr, context);
   const std::string input_name = input.Name();

@@ -82,7 +82,7 @@ struct PairedFrames {
 
 class FramePairer {
  public:
-  FramePairer(const TimedSensors& sensors, const FrameTimes& times)
+  FramePairer(const TimedSensors& sensors, const TimedImages& times)
       : sensors_(sensors.sensors), times_(times) {}
 
   PairedFrames Find(const std::vector<int>& sensor_of_image) {
@@ -113,7 +113,7 @@ class FramePairer {
   Instant AddFrame(const Instant& image, int rig);
 
   const std::vector<TimedSensors::Sensor>& sensors_;
-  const FrameTimes& times_;
+  const TimedImages& times_;
   std::vector<std::vector<Instant>> images_of_sensor_;
   PairedFrames result_;
 };
@@ -190,7 +190,7 @@ Pairing FramePairer::PairSensor(const std::vector<Instant>& images,
 }
 
 void CheckDistinct(const RigInput& input, const PairedFrames& found,
-                   const FrameTimes& times) {
+                   const TimedImages& times) {
   if (!found.same_time) return;
   const auto name = [&](int image) {
     return "'" + input.contents.images[image].name + "'";
@@ -228,12 +228,12 @@ std::string DescribeDifferences(const std::vector<int64_t>& differences_ns) {
   return text;
 }
 
-std::string Limit(const FrameTimes& times) {
+std::string Limit(const TimedImages& times) {
   return FormatDuration(static_cast<double>(times.max_difference_ns));
 }
 
 void CheckPaired(const RigInput& input, const std::vector<Pairing>& pairings,
-                 const FrameTimes& times) {
+                 const TimedImages& times) {
   int64_t smallest_ns = std::numeric_limits<int64_t>::max();
   for (const Pairing& pairing : pairings) {
     if (!pairing.differences_ns.empty()) return;
@@ -254,7 +254,7 @@ void CheckPaired(const RigInput& input, const std::vector<Pairing>& pairings,
 
 // Names the sensors with images that are alone in their frame.
 void WarnOfSingleImages(const RigInput& input, const TimedSensors& sensors,
-                        const FramesByTime& frames, const FrameTimes& times,
+                        const FramesByTime& frames, const TimedImages& times,
                         const Context& context) {
   std::vector<size_t> frame_sizes(frames.frames.size(), 0);
   for (const int frame : frames.frame_of_image) {
@@ -318,7 +318,7 @@ int64_t HalfInterval(const TimedSensors& keys,
 }  // namespace
 
 FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
-                        const FrameTimes& times, const Context& context) {
+                        const TimedImages& times, const Context& context) {
   PairedFrames found =
       FramePairer(sensors, times).Find(sensors.sensor_of_image);
   CheckDistinct(input, found, times);
@@ -336,7 +336,7 @@ FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
   return std::move(found.frames);
 }
 
-void SetFramesByTime(const RigInput& input, const FrameTimes& times,
+void SetFramesByTime(const RigInput& input, const TimedImages& times,
                      const Context& context, std::vector<ImageKeys>* keys) {
   const FramesByTime found =
       PairByTime(input, SensorsOfKeys(*keys), times, context);
@@ -350,7 +350,7 @@ void SetFramesByTime(const RigInput& input, const FrameTimes& times,
 std::optional<std::string> SuggestFramesByTime(
     const RigInput& input, const std::vector<ImageKeys>& keys) {
   const TimedSensors sensors = SensorsOfKeys(keys);
-  FrameTimes times;
+  TimedImages times;
   for (const ImageRow& image : input.contents.images) {
     const std::optional<int64_t> time_ns = TimeInName(image.name);
     if (!time_ns) return std::nullopt;

@@ -314,7 +314,7 @@ ImageKeys KeysOfMatch(const std::string& name, const Texts& texts,
 }  // namespace
 
 RigAssignment AssignByRule(const RigInput& input, const std::string& rule,
-                           const FrameTimes* times, const Context& context) {
+                           const TimedImages* times, const Context& context) {
   const NameRule parsed(rule);
   Texts texts(1 + static_cast<size_t>(parsed.regex.NumberOfCapturingGroups()));
   std::vector<ImageKeys> keys;

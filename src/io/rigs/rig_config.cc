@@ -337,9 +337,11 @@ std::optional<std::string> FrameKeyOf(const RigConfigCamera& camera,
   }
   const std::string& prefix = camera.image_prefix;
   if (image_name.compare(0, prefix.size(), prefix) != 0) return std::nullopt;
-  return prefix.empty()
-             ? image_name
-             : image_name.substr(image_name.rfind(prefix) + prefix.size());
+  if (prefix.empty()) return image_name;
+  size_t begin = image_name.rfind(prefix) + prefix.size();
+  // "cam1" and "cam1/" mean the same folder.
+  if (begin < image_name.size() && image_name[begin] == '/') ++begin;
+  return image_name.substr(begin);
 }
 
 std::vector<RigConfig> ReadRigConfig(const std::string& path) {

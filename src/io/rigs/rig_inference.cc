@@ -191,16 +191,6 @@ constexpr const char* kRemedy =
     "; configure the rigs again, set rig_config_path, or treat images as "
     "single with rig_name_rule none";
 
-bool IsTrivial(const DatabaseContents& contents) {
-  const bool has_real_rig =
-      std::any_of(contents.rigs.begin(), contents.rigs.end(),
-                  [](const RigRow& rig) { return rig.sensors.size() > 1; });
-  const bool has_real_frame =
-      std::any_of(contents.frames.begin(), contents.frames.end(),
-                  [](const FrameRow& frame) { return frame.data.size() > 1; });
-  return !(has_real_rig || has_real_frame);
-}
-
 class TableAssigner {
  public:
   explicit TableAssigner(const RigInput& input) : input_(input) {
@@ -426,7 +416,7 @@ void TableAssigner::NameFrames() {
 }  // namespace
 
 std::optional<RigAssignment> AssignByTables(const RigInput& input) {
-  if (IsTrivial(input.contents)) return std::nullopt;
+  if (!input.contents.HasRigs()) return std::nullopt;
   return TableAssigner(input).Assign();
 }
 

@@ -62,8 +62,9 @@ struct ImageKeys {
   std::string frame_name;
 };
 
-// The times of all images, and the maximum difference within a frame.
-struct FrameTimes {
+// Images that form frames by time: the times of all images, and the maximum
+// difference within a frame.
+struct TimedImages {
   std::vector<int64_t> times_ns;  // per image
   int64_t max_difference_ns = 0;
 };
@@ -73,12 +74,12 @@ struct FrameTimes {
 // tables have one camera per rig and one image per frame.
 RigAssignment AssignByConfig(const RigInput& input,
                              const std::vector<RigConfig>& rigs,
-                             const std::string& path, const FrameTimes* times,
+                             const std::string& path, const TimedImages* times,
                              const Context& context);
 RigAssignment AssignByRule(const RigInput& input, const std::string& rule,
-                           const FrameTimes* times, const Context& context);
+                           const TimedImages* times, const Context& context);
 std::optional<RigAssignment> AssignByTables(const RigInput& input);
-RigAssignment AssignByFolders(const RigInput& input, const FrameTimes* times,
+RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
                               const Context& context);
 
 // Sensors that share frames, directly or through others, form a rig; images of
@@ -145,10 +146,10 @@ struct FramesByTime {
 // differences of each sensor. Throws Error if there is no pair, or if two
 // images of a sensor have one time.
 FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
-                        const FrameTimes& times, const Context& context);
+                        const TimedImages& times, const Context& context);
 
 // Replaces the frames of the keys by frames according to image times.
-void SetFramesByTime(const RigInput& input, const FrameTimes& times,
+void SetFramesByTime(const RigInput& input, const TimedImages& times,
                      const Context& context, std::vector<ImageKeys>* keys);
 
 // ------------------------------------------------------------ suggestions

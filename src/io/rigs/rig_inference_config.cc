@@ -132,7 +132,7 @@ void WarnIfNamesShareNoFrame(const RigInput& input,
       "set frame_max_time_difference_s"));
 }
 
-void AddFramesByTime(const RigInput& input, const FrameTimes& times,
+void AddFramesByTime(const RigInput& input, const TimedImages& times,
                      const Context& context, RigAssignment* assignment) {
   TimedSensors sensors{{}, assignment->sensor_of_image};
   for (const RigAssignment::Sensor& sensor : assignment->sensors) {
@@ -149,7 +149,7 @@ void AddFramesByTime(const RigInput& input, const FrameTimes& times,
 
 RigAssignment AssignByConfig(const RigInput& input,
                              const std::vector<RigConfig>& rigs,
-                             const std::string& path, const FrameTimes* times,
+                             const std::string& path, const TimedImages* times,
                              const Context& context) {
   RigAssignment assignment;
   assignment.source = "rig configuration '" + path + "'";

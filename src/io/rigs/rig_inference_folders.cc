@@ -383,7 +383,7 @@ void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
 
 }  // namespace
 
-RigAssignment AssignByFolders(const RigInput& input, const FrameTimes* times,
+RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
                               const Context& context) {
   std::vector<ImageKeys> keys = KeysByFolders(input, times == nullptr);
   if (times != nullptr) SetFramesByTime(input, *times, context, &keys);
