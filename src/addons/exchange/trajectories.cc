@@ -32,11 +32,6 @@ struct Trajectory {
   std::vector<Stop> stops;  // in the order of frames
 };
 
-bool HasOnly(const std::string& text, const char* characters) {
-  return !text.empty() &&
-         text.find_first_not_of(characters) == std::string::npos;
-}
-
 int64_t TimeOf(const Stop& stop) {
   if (stop.time_s) return std::llround(*stop.time_s * kNsPerSecond);
   const std::optional<int64_t> time_ns = TimeOrNumberInStem(stop.stem);
@@ -146,12 +141,15 @@ std::string EurocLine(int64_t time_ns, const Rigid3& pose) {
 // KITTI numbers poses by line, so a missing frame would shift all that follow.
 void CheckHasNoGap(const Trajectory& trajectory) {
   const std::vector<Stop>& stops = trajectory.stops;
+  // The counter at the end of a name; times need not be evenly spaced.
   const auto number = [](const Stop& stop) -> std::optional<int64_t> {
     constexpr size_t kMaxDigits = 18;  // any such number fits 64 bits
-    const bool is_number =
-        HasOnly(stop.stem, "0123456789") && stop.stem.size() <= kMaxDigits;
-    if (!is_number) return std::nullopt;
-    return std::stoll(stop.stem);
+    const std::string digits =
+        stop.stem.substr(stop.stem.find_last_not_of("0123456789") + 1);
+    if (digits.empty() || digits.size() > kMaxDigits || TimeInName(stop.name)) {
+      return std::nullopt;
+    }
+    return std::stoll(digits);
   };
   std::vector<int64_t> numbers;
   for (const Stop& stop : stops) {

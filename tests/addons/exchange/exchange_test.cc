@@ -155,6 +155,21 @@ TEST(Exchange, WhatTrajectoriesCannotHoldIsRefused) {
   ExpectRefused(
       "kitti", drive,
       AllOf(HasSubstr("000002"), HasSubstr("000004"), HasSubstr("tum")));
+  // Counters count after a text as well, but times have any intervals.
+  for (const bool are_times : {false, true}) {
+    for (Image& image : drive.scene.images) {
+      const int i = image.frame_idx;
+      image.name = are_times
+                       ? "cam/" + std::to_string(1403636579000000 + 90 * i * i)
+                       : "cam/left_000" + std::to_string(i);
+      image.name += ".png";
+    }
+    if (are_times) {
+      EXPECT_EQ(Lines(Export("kitti", drive)[0].content).size(), 4u);
+    } else {
+      ExpectRefused("kitti", drive, HasSubstr("left_0004"));
+    }
+  }
   EXPECT_EQ(Lines(Export("tum", drive)[0].content).size(), 4u);
   drive.scene = SeparateImages(drive.scene);
   drive.ground_truth = SeparateImages(
