@@ -215,6 +215,30 @@ TEST_F(RigConfigTest, RigsWithFramesByTimeAreReadBack) {
 
 // A folder with a model stands for the calibration in it, with and without the
 // file beside it, which COLMAP does not write.
+// An image is at rel * rig in COLMAP 3.8, so that only differences between the
+// poses of cameras matter.
+TEST_F(RigConfigTest, LegacyConfigurationsOfRigBundleAdjuster) {
+  const auto parse = [&](const std::string& ref, const std::string& pose) {
+    return Parse(R"([{"ref_camera_id": )" + ref +
+                 R"(, "cameras": [{"camera_id": 4, "image_prefix": "a/",
+                      "rel_qvec": [0, 1, 0, 0], "rel_tvec": [1, 2, 3]},
+                     {"camera_id": 7, "image_prefix": "b/")" +
+                 pose + "}]}]");
+  };
+  const RigConfig rig =
+      parse("7", R"(, "rel_qvec": [1, 0, 0, 0], "rel_tvec": [0, 1, 0])")[0];
+  EXPECT_TRUE(rig.cameras[1].is_reference);
+  // a_from_b: y and z change their signs.
+  const Rigid3& pose = *rig.cameras[0].cam_from_rig;
+  EXPECT_LT(
+      (pose * Eigen::Vector3d(5, 6, 7) - Eigen::Vector3d(6, -3, -4)).norm(),
+      1e-12);
+  EXPECT_FALSE(parse("7", "")[0].cameras[0].cam_from_rig.has_value());
+  EXPECT_THAT(ErrorOf([&] { parse("5", ""); }), HasSubstr("ref_camera_id"));
+  EXPECT_THAT(ErrorOf([&] { parse("7", R"(, "ref_sensor": true)"); }),
+              HasSubstr("unknown key 'ref_sensor'"));
+}
+
 TEST_F(RigConfigTest, ModelIsReadLikeItsConfig) {
   const std::vector<std::string> names = {
       "cam0/0.png", "cam0/1.png", "cam1/0.png", "cam1/1.png", "cam2/1.png"};

@@ -21,6 +21,11 @@ namespace mgsfm {
 // "cam_from_rig_translation" [x, y, z]: the pose where it is known;
 // "camera_model_name" with "camera_params": intrinsics.
 //
+// A rig with "ref_camera_id" is one of COLMAP's rig_bundle_adjuster before
+// 3.12: its cameras have "camera_id", "image_prefix" and, if known,
+// "cam_from_rig_*" or "rel_qvec" and "rel_tvec" with the same meaning. The
+// reference may have a pose, too.
+//
 // "image_pattern", which COLMAP does not know, replaces the prefix if only a
 // later part of the names distinguishes the cameras: "IMG_*_cam1.jpg". The
 // stars stand for the same text in all images of a frame.

@@ -27,6 +27,10 @@ constexpr const char* kPattern = "image_pattern";
 constexpr const char* kReference = "ref_sensor";
 constexpr const char* kRotation = "cam_from_rig_rotation";
 constexpr const char* kTranslation = "cam_from_rig_translation";
+constexpr const char* kRefCameraId = "ref_camera_id";
+constexpr const char* kCameraId = "camera_id";
+constexpr const char* kLegacyRotation = "rel_qvec";
+constexpr const char* kLegacyTranslation = "rel_tvec";
 constexpr const char* kModel = "camera_model_name";
 constexpr const char* kParams = "camera_params";
 
@@ -82,6 +86,12 @@ class ObjectReader {
     }
     return numbers;
   }
+  double Number(const std::string& key) const {
+    if (!Has(key) || !json_[key].is_number()) {
+      Throw("needs '" + key + "', a number");
+    }
+    return json_[key].get<double>();
+  }
   // Rotation and translation must come together.
   bool HasBoth(const std::string& a, const std::string& b) const {
     if (Has(a) != Has(b)) {
@@ -96,9 +106,10 @@ class ObjectReader {
   std::string where_;
 };
 
-Rigid3 ReadPose(const ObjectReader& object) {
-  const std::vector<double> q = object.Numbers(kRotation, 4);
-  const std::vector<double> t = object.Numbers(kTranslation, 3);
+Rigid3 ReadPose(const ObjectReader& object, const char* rotation = kRotation,
+                const char* translation = kTranslation) {
+  const std::vector<double> q = object.Numbers(rotation, 4);
+  const std::vector<double> t = object.Numbers(translation, 3);
   Rigid3 pose = PoseOfFile({q[0], q[1], q[2], q[3]}, {t[0], t[1], t[2]});
   if (const auto problem = WhyImplausible(pose)) {
     object.Throw("has a pose that " + *problem);
@@ -138,10 +149,44 @@ RigConfigCamera ReadCamera(const ObjectReader& object) {
   return camera;
 }
 
+// A camera of rig_bundle_adjuster, whose reference may have a pose as well.
+RigConfigCamera ReadLegacyCamera(const ObjectReader& object, double ref_id) {
+  object.CheckKeys({kCameraId, kPrefix, kLegacyRotation, kLegacyTranslation,
+                    kRotation, kTranslation});
+  RigConfigCamera camera;
+  camera.image_prefix = object.Text(kPrefix);
+  camera.is_reference = object.Number(kCameraId) == ref_id;
+  if (object.HasBoth(kLegacyRotation, kLegacyTranslation)) {
+    camera.cam_from_rig = ReadPose(object, kLegacyRotation, kLegacyTranslation);
+  } else if (object.HasBoth(kRotation, kTranslation)) {
+    camera.cam_from_rig = ReadPose(object);
+  }
+  return camera;
+}
+
+// Poses relative to the reference. Poses of the others count only if the
+// reference has one.
+void MoveToReference(std::vector<RigConfigCamera>* cameras) {
+  std::optional<Rigid3> ref_from_rig;
+  for (const RigConfigCamera& camera : *cameras) {
+    if (camera.is_reference) ref_from_rig = camera.cam_from_rig;
+  }
+  for (RigConfigCamera& camera : *cameras) {
+    if (camera.is_reference) {
+      camera.cam_from_rig = Rigid3();
+    } else if (!ref_from_rig) {
+      camera.cam_from_rig.reset();
+    } else if (camera.cam_from_rig) {
+      camera.cam_from_rig = *camera.cam_from_rig * ref_from_rig->Inverse();
+    }
+  }
+}
+
 RigConfig ReadRig(const Json& json, const std::string& path,
                   const std::string& where) {
   const ObjectReader object(json, path, where);
-  object.CheckKeys({kCameras});
+  object.CheckKeys({kCameras, kRefCameraId});
+  const bool is_legacy = object.Has(kRefCameraId);
   if (!object.Has(kCameras) || !json[kCameras].is_array() ||
       json[kCameras].empty()) {
     object.Throw("needs 'cameras', an array of cameras");
@@ -150,15 +195,22 @@ RigConfig ReadRig(const Json& json, const std::string& path,
   for (const Json& camera : json[kCameras]) {
     const std::string camera_where =
         "camera " + std::to_string(rig.cameras.size() + 1) + " of " + where;
-    rig.cameras.push_back(ReadCamera(ObjectReader(camera, path, camera_where)));
+    const ObjectReader reader(camera, path, camera_where);
+    rig.cameras.push_back(
+        is_legacy ? ReadLegacyCamera(reader, object.Number(kRefCameraId))
+                  : ReadCamera(reader));
   }
   const auto num_references = std::count_if(
       rig.cameras.begin(), rig.cameras.end(),
       [](const RigConfigCamera& camera) { return camera.is_reference; });
   if (num_references != 1) {
     object.Throw("has " + std::to_string(num_references) +
-                 " cameras with \"ref_sensor\": true; it needs one");
+                 (is_legacy ? " cameras with the \"camera_id\" of "
+                              "\"ref_camera_id\"; it needs one"
+                            : " cameras with \"ref_sensor\": true; it needs "
+                              "one"));
   }
+  if (is_legacy) MoveToReference(&rig.cameras);
   return rig;
 }
 
