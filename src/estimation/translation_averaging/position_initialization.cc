@@ -109,10 +109,9 @@ constexpr double kLowerBound = 0.1;
 // A sensor translation is not determined beyond this standard deviation, in
 // units of the median baseline: two of them reach the baseline itself.
 constexpr double kMaxSensorSigma = 0.5;
-// Ridge rows kRidge x with weight kRidgeWeight make A^T A definite. Their pull
-// is 1e-8 times that of a pair with a baseline of one unit.
+// Ridge rows kRidge x with weight kRidge make A^T A definite. Their pull is
+// 1e-8 times that of a pair with a baseline of one unit.
 constexpr double kRidge = 1e-4;
-constexpr double kRidgeWeight = 1e-4;
 
 // The frames of the largest set that pairs connect; ties go to the set of the
 // first frame.
@@ -316,7 +315,7 @@ void AddGroupPriors(const PairScales& scales, const Unknowns& unknowns,
 
 void AddRidge(int num_unknowns, BlockSystem* system) {
   BlockPenalty penalty;
-  penalty.weight = kRidgeWeight;
+  penalty.weight = kRidge;
   for (int column = 0; column < num_unknowns; ++column) {
     system->triplets.emplace_back(system->num_rows() + column % 3, column,
                                   kRidge);

@@ -14,11 +14,9 @@
 namespace mgsfm {
 namespace {
 
-// The coarse refinement prepares a second triangulation, so it ends early. Half
-// and twice the iterations change errors by less than 1 %, half and twice the
-// loss scale by at most 8 % (docs/results/constants.md).
+// Of the coarse refinement, which prepares a second triangulation. Half and
+// twice the scale change errors by at most 8 % (docs/results/constants.md).
 constexpr double kCoarseLossRad = DegToRad(1.0);
-constexpr int kNumCoarseIterations = 10;
 // Lower bound of the depth of points, relative to the typical depth: nearer
 // points come from rays with nearly the same origin. Half or twice the value
 // does not change errors (docs/results/constants.md).
