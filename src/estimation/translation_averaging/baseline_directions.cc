@@ -9,6 +9,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "geometry/decompositions.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
@@ -263,9 +264,9 @@ std::optional<double> DirectionSigma(const BaselineMatches& matches,
   Eigen::Matrix<double, 3, 2> tangent;
   tangent.col(0) = direction.unitOrthogonal();
   tangent.col(1) = direction.cross(tangent.col(0));
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(
-      tangent.transpose() * information * tangent);
-  const double least = eigen.eigenvalues()[0];
+  const SymmetricEigen<Eigen::Matrix2d> eigen(tangent.transpose() *
+                                              information * tangent);
+  const double least = eigen.values[0];
   if (!(least > 0.0)) return std::nullopt;
   const double sigma = std::hypot(noise.sigma_rad / std::sqrt(least),
                                   kRotationSigma / Median(std::move(sines)));

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "translation_averaging/position_initialization.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <array>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "geometry/decompositions.h"
 #include "math/l1_admm.h"
 #include "math/sparse_solver.h"
 #include "math/statistics.h"
@@ -385,14 +385,13 @@ std::optional<MatrixXd> ExtrinsicCovariance(const BlockSystem& system,
 MatrixXd FindUnobservable(const MatrixXd& covariance, size_t num_free_sensors) {
   const auto size = static_cast<Eigen::Index>(3 * num_free_sensors);
   if (size == 0) return MatrixXd(0, 0);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(
-      covariance.topLeftCorner(size, size));
+  const SymmetricEigen<MatrixXd> eigen(covariance.topLeftCorner(size, size));
   Eigen::Index num_weak = 0;
-  while (num_weak < size && eigen.eigenvalues()[size - 1 - num_weak] >
+  while (num_weak < size && eigen.values[size - 1 - num_weak] >
                                 kMaxSensorSigma * kMaxSensorSigma) {
     ++num_weak;
   }
-  return eigen.eigenvectors().rightCols(num_weak).transpose();
+  return eigen.V.rightCols(num_weak).transpose();
 }
 
 // Fixes undetermined directions at zero.

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "translation_averaging/translation_stages.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 
@@ -288,13 +288,12 @@ void SummarizeEstimate(const PositionProblem& problem,
     // The part of the undetermined subspace that moves this sensor.
     const Eigen::MatrixXd part =
         initial.unobservable.middleCols(static_cast<Eigen::Index>(3 * k), 3);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
-        part.transpose() * part);
+    const SymmetricEigen<Eigen::Matrix3d> eigen(part.transpose() * part);
     // A sensor is reported unless less than this fraction of its squared motion
     // lies in the undetermined subspace. N sensors that move together have 1 /
     // N each; a smaller fraction is less than a tenth of the motion.
     const auto num_weak =
-        static_cast<int>((eigen.eigenvalues().array() > 0.01).count());
+        static_cast<int>((eigen.values.array() > 0.01).count());
     if (num_weak == 0) continue;
     summary->sensors[initial.free_sensors[k]] = {
         false, num_weak, DescribeUnobservable(num_weak)};
