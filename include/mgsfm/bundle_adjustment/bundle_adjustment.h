@@ -140,9 +140,9 @@ struct BundleAdjustmentOptions {
   // Standard deviation of prior sensor_from_rig translations that are refined,
   // as a fraction of the largest one in the rig.
   double sensor_from_rig_prior_sigma = 0.01;
-  // Scale of the Cauchy loss of measured positions. 2.8 is the 95 % quantile of
-  // 3D normal noise.
-  double prior_position_loss_scale = 2.8;
+  // Scale of the Cauchy loss of measured positions and of gravity. 2.8 is the
+  // 95 % quantile of normal noise in 3D, and the 98 % quantile in 2D.
+  double prior_loss_scale = 2.8;
 
   // Number of rounds of a solve and a triangulation of all points.
   int num_rounds = 3;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
 #include "base/random.h"
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/evaluation/evaluation.h"
@@ -34,11 +34,10 @@ struct Sample {
 };
 
 Eigen::Matrix3d NearestRotation(const Eigen::Matrix3d& matrix) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(
-      matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Svd3 svd(matrix);
   Eigen::Matrix3d flip = Eigen::Matrix3d::Identity();
-  flip(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant();
-  return svd.matrixU() * flip * svd.matrixV().transpose();
+  flip(2, 2) = (svd.U * svd.V.transpose()).determinant();
+  return svd.U * flip * svd.V.transpose();
 }
 
 struct Moments {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "evaluation/svg.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -9,6 +8,7 @@
 
 #include "base/text_streams.h"
 #include "base/text_tools.h"
+#include "geometry/decompositions.h"
 
 namespace mgsfm {
 namespace {
@@ -50,17 +50,17 @@ Ticks MakeTicks(double min, double max, int target) {
 TopView ViewFromAbove(const Eigen::Vector3d& sum_of_upward, size_t num_cameras,
                       const Eigen::Matrix3d& scatter,
                       const Eigen::Vector3d& travel) {
-  using Solver = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>;
+  using Axes = SymmetricEigen<Eigen::Matrix3d>;
   // The mean of random axes has a norm of about 1 / sqrt(cameras).
   constexpr double kUpright = 0.3;
   const Eigen::Vector3d normal =
       sum_of_upward.norm() > kUpright * static_cast<double>(num_cameras)
           ? sum_of_upward.normalized()
-          : Eigen::Vector3d(Solver(scatter).eigenvectors().col(0));
+          : Eigen::Vector3d(Axes(scatter).V.col(0));
   const Eigen::Matrix3d in_plane =
       Eigen::Matrix3d::Identity() - normal * normal.transpose();
-  const Solver axes(in_plane * scatter * in_plane);
-  Eigen::Vector3d right = in_plane * axes.eigenvectors().col(2);
+  const Axes axes(in_plane * scatter * in_plane);
+  Eigen::Vector3d right = in_plane * axes.V.col(2);
   if (!(right.norm() > 0.5)) right = normal.unitOrthogonal();
   right.normalize();
   if (right.dot(travel) < 0.0) right = -right;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "fleet/sub_map_graph.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "base/random.h"
+#include "geometry/decompositions.h"
 #include "geometry/ransac.h"
 #include "geometry/so3.h"
 #include "math/spanning_tree.h"
@@ -78,9 +78,7 @@ Quaterniond MeanRotation(const std::vector<Quaterniond>& rotations) {
     moments += q.coeffs() * q.coeffs().transpose();
   }
   Quaterniond mean;
-  mean.coeffs() = Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(moments)
-                      .eigenvectors()
-                      .col(3);
+  mean.coeffs() = SymmetricEigen<Eigen::Matrix4d>(moments).V.col(3);
   return mean.normalized();
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <map>
 
+#include "geometry/decompositions.h"
 #include "mgsfm/model_tools/model_tools.h"
 
 namespace mgsfm {
@@ -92,17 +92,14 @@ std::optional<Sim3> AlignToGroundPlane(
   Eigen::Matrix3d cost =
       -kUpwardWeight * kUpwardWeight * upward * upward.transpose();
   if (scatter.trace() > 0.0) cost += scatter / scatter.trace();
-  Eigen::Matrix3d axes =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(cost).eigenvectors();
+  Eigen::Matrix3d axes = SymmetricEigen<Eigen::Matrix3d>(cost).V;
   Eigen::Vector3d normal = axes.col(0);
   if (normal.dot(upward) - normal.dot(forward) < 0.0) normal = -normal;
   if (measured_up) normal = measured_up->normalized();
   // The principal axis within the plane.
   const Eigen::Matrix3d projection =
       Eigen::Matrix3d::Identity() - normal * normal.transpose();
-  axes = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(projection * scatter *
-                                                        projection)
-             .eigenvectors();
+  axes = SymmetricEigen<Eigen::Matrix3d>(projection * scatter * projection).V;
   Eigen::Vector3d along = projection * axes.col(2);
   if (along.norm() < 0.5) along = normal.unitOrthogonal();
   // The x axis is in the direction of travel.

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <utility>
 
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "report_page/chart_parts.h"
 #include "report_page/charts.h"
@@ -130,10 +130,10 @@ void DrawUncertainty(const DrawnSensor& sensor, const Panel& panel,
   projection << panel.axes.right.transpose(), -panel.axes.up.transpose();
   const Eigen::Matrix2d covariance =
       projection * *sensor.covariance * projection.transpose();
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(covariance);
+  const SymmetricEigen<Eigen::Matrix2d> axes(covariance);
   const Vector2d radii = panel.px_per_unit * panel.ellipse_factor *
-                         axes.eigenvalues().cwiseMax(0.0).cwiseSqrt();
-  const Vector2d major = axes.eigenvectors().col(0);
+                         axes.values.cwiseMax(0.0).cwiseSqrt();
+  const Vector2d major = axes.V.col(0);
   drawing->Ellipse(
       panel.ToPage(sensor.center), radii,
       RadToDeg(std::atan2(major.y(), major.x())),

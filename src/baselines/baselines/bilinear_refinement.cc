@@ -195,7 +195,7 @@ SolveSummary RefineCamerasBilinearly(const RefinementInput& input,
   for (const double factor : kLossAnnealing) {
     summary = problem.Solve(
         factor * options.loss_scale_rad,
-        factor > 1.0 ? kNumCoarseRefinements : options.max_num_iterations,
+        factor > 1.0 ? kNumCoarseIterations : options.max_num_iterations,
         context);
     if (!summary.IsUsable()) break;
   }

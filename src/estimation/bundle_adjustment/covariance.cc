@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -8,6 +7,7 @@
 #include "bundle_adjustment/problem_builder.h"
 #include "bundle_adjustment/residual_field.h"
 #include "bundle_adjustment/solve.h"
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "rig_solver/pose_covariances.h"
@@ -74,12 +74,12 @@ void AddUnobservable(const std::vector<std::optional<PoseMatrix>>& poses,
     for (const bool is_rotation : {true, false}) {
       const int first = is_rotation ? 0 : 3;
       const double most = is_rotation ? kMaxSigmaRad : max_sigma_length;
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
+      const SymmetricEigen<Eigen::Matrix3d> eigen(
           poses[i]->block<3, 3>(first, first));
       for (int k = 0; k < 3; ++k) {
-        if (!(eigen.eigenvalues()[k] > most * most)) continue;
-        directions->push_back({are_sensors, static_cast<int>(i), is_rotation,
-                               eigen.eigenvectors().col(k)});
+        if (!(eigen.values[k] > most * most)) continue;
+        directions->push_back(
+            {are_sensors, static_cast<int>(i), is_rotation, eigen.V.col(k)});
       }
     }
   }

@@ -2,7 +2,6 @@
 #include "bundle_adjustment/covariance_report.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -12,6 +11,7 @@
 #include "base/format.h"
 #include "base/text.h"
 #include "base/text_tools.h"
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 
@@ -57,9 +57,9 @@ bool IsFixed(const PoseMatrix& covariance) {
 
 // The standard deviation along the least certain direction.
 double SigmaOfTranslation(const PoseMatrix& covariance) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
-      covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(0.0, eigen.eigenvalues()[2]));
+  const SymmetricEigen<Eigen::Matrix3d> eigen(
+      covariance.bottomRightCorner<3, 3>());
+  return std::sqrt(std::max(0.0, eigen.values[2]));
 }
 
 std::optional<double> MedianSigmaOfFrames(const CovarianceResult& covariances) {

@@ -12,10 +12,6 @@
 namespace mgsfm {
 namespace {
 
-// Scale of the Cauchy loss of gravity terms in standard deviations: the 98 %
-// quantile of the norm of a standard normal 2-vector.
-constexpr double kGravityLossScale = 2.8;
-
 bool Refines(RefineMode mode, bool is_known) {
   return mode == RefineMode::kYes || (mode == RefineMode::kAuto && !is_known);
 }
@@ -199,7 +195,7 @@ void AddPositionPriors(const ProblemInput& input,
   const PositionPriors& priors = input.priors.positions;
   if (priors.IsEmpty()) return;
   problem->position_loss = {RobustLossType::kCauchy,
-                            input.options.prior_position_loss_scale};
+                            input.options.prior_loss_scale};
   for (size_t i = 0; i < image_idxs.size(); ++i) {
     const auto& prior = priors.images[image_idxs[i]];
     if (!prior) continue;
@@ -210,9 +206,9 @@ void AddPositionPriors(const ProblemInput& input,
 }
 
 void AddGravityPriors(const GravityTerms& gravity,
-                      const std::vector<int>& image_idxs,
+                      const std::vector<int>& image_idxs, double loss_scale,
                       BundleProblem* problem) {
-  problem->gravity_loss = {RobustLossType::kCauchy, kGravityLossScale};
+  problem->gravity_loss = {RobustLossType::kCauchy, loss_scale};
   for (size_t i = 0; i < image_idxs.size(); ++i) {
     const auto& direction = gravity.priors.images[image_idxs[i]];
     if (!direction) continue;
@@ -247,7 +243,10 @@ BuiltProblem BuildProblem(const Scene& scene,
     AddCamera(input, camera_idx, &built);
   }
   AddPositionPriors(input, image_idxs, &problem);
-  if (priors.gravity) AddGravityPriors(*priors.gravity, image_idxs, &problem);
+  if (priors.gravity) {
+    AddGravityPriors(*priors.gravity, image_idxs, options.prior_loss_scale,
+                     &problem);
+  }
   const bool some_frame_is_fixed = std::any_of(
       built.frame_idxs.begin(), built.frame_idxs.end(),
       [&](int frame_idx) { return IsSet(fixed.frames, frame_idx); });

@@ -26,8 +26,7 @@ double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
 GravitySummary EvaluateInWorld(const Scene& scene, const GravityPriors& gravity,
                                const Vector3d& down, double sigma_deg,
                                const Reconstruction& model) {
-  const auto world_from_level =
-      Quaterniond::FromTwoVectors(Vector3d::UnitY(), down);
+  const Quaterniond world_from_level = RotationBetween(Vector3d::UnitY(), down);
   std::vector<std::optional<Quaterniond>> cam_from_level(scene.images.size());
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const auto pose = model.CamFromWorld(scene, static_cast<int>(i));
@@ -71,8 +70,8 @@ std::optional<GravitySummary> LevelModel(const Scene& scene,
   const GravitySummary summary =
       EvaluateInWorld(scene, gravity, *down, sigma_deg, *model);
   if (!world_is_fixed) {
-    const auto level_from_world =
-        Quaterniond::FromTwoVectors(*down, Vector3d::UnitY());
+    const Quaterniond level_from_world =
+        RotationBetween(*down, Vector3d::UnitY());
     TransformWorld({1.0, level_from_world, Vector3d::Zero()}, model);
   }
   return summary;

@@ -2,14 +2,13 @@
 #include "georegistration/position_registration.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
 
 #include "base/random.h"
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
@@ -115,13 +114,11 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
   Sim3 fit;
   if (fits_scale) fit.scale = std::sqrt(m.measured_variance / m.variance);
   for (int i = 0; i < 10; ++i) {
-    const Eigen::JacobiSVD<Matrix3d> svd(
-        fit.scale * m.cross + problem.upright,
-        Eigen::ComputeFullU | Eigen::ComputeFullV);
+    const Svd3 svd(fit.scale * m.cross + problem.upright);
     Matrix3d flip = Matrix3d::Identity();
-    flip(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant();
-    fit.rotation = Eigen::Quaterniond(
-        Matrix3d(svd.matrixU() * flip * svd.matrixV().transpose()));
+    flip(2, 2) = (svd.U * svd.V.transpose()).determinant();
+    fit.rotation =
+        Eigen::Quaterniond(Matrix3d(svd.U * flip * svd.V.transpose()));
     if (!fits_scale) break;
     const double scale =
         (fit.rotation.toRotationMatrix().transpose() * m.cross).trace() /
@@ -198,9 +195,8 @@ double RotationSigma(const std::vector<Sample>& samples, const RobustFit& fit) {
     const Vector3d c = fit.world_from_model.scale * (samples[i].center - mean);
     scatter += WeightOf(samples[i]) * c * c.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(scatter,
-                                                      Eigen::EigenvaluesOnly);
-  return 1.0 / std::sqrt(std::max(eigen.eigenvalues()[1], 1e-12));
+  const SymmetricEigen<Matrix3d> eigen(scatter);
+  return 1.0 / std::sqrt(std::max(eigen.values[1], 1e-12));
 }
 
 std::vector<Sample> CollectSamples(const Scene& scene,

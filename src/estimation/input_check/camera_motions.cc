@@ -39,14 +39,6 @@ constexpr double kMinErrorRatio = 1.5;
 // deviations; errors of a foreign camera are at least 0.79, at 65
 // (docs/results/input_check.md).
 constexpr double kMaxForeignShare = 0.5;
-// Cosine of 37 degrees, the largest tilt of a camera that counts as upright.
-// Half or twice the angle changes no verdict (docs/results/constants.md).
-constexpr double kMinVerticalShare = 0.8;
-// Directions are opposite if they differ by more than 134 degrees, the middle
-// between perpendicular and opposite.
-constexpr double kOppositeCosine = -0.7;
-// The middle between equal and opposite orientations.
-constexpr double kOppositeRad = kPi / 2;
 
 // A motion of one sensor between two frames.
 struct Motion {
@@ -204,8 +196,8 @@ bool TurnsOpposite(const LagFit& fit, const Motions& a) {
     axis_b += fit.rotation.a_from_b * w;
     sum += w.norm();
   }
-  return axis_a.y() > kMinVerticalShare * sum &&
-         axis_b.y() < -kMinVerticalShare * sum;
+  const double most = std::cos(kSameDirectionRad) * sum;
+  return axis_a.y() > most && axis_b.y() < -most;
 }
 
 bool IsCertain(const LagFit& fit) {
@@ -224,7 +216,8 @@ bool MovesOpposite(const LagFit& fit, const Motions& a, const Motions& b,
     if (!direction_a || !direction_b) continue;
     cosines.push_back(direction_b->dot(fit.rotation.a_from_b * *direction_a));
   }
-  return !cosines.empty() && Median(std::move(cosines)) < kOppositeCosine;
+  return !cosines.empty() &&
+         Median(std::move(cosines)) < -std::cos(kSameDirectionRad);
 }
 
 std::optional<MotionAgreement> Compare(
@@ -308,9 +301,10 @@ std::optional<Quaterniond> RotationByPairs(
 // under vibration may have such an S, too, but its errors exceed noise.
 bool IsMirrorOfPairs(const MotionAgreement& m, const Quaterniond& by_pairs) {
   const Quaterniond mirror(0.0, 1.0, 0.0, 0.0);
+  constexpr double kHalfwayRad = kPi / 2;  // between equal and opposite
   return m.b_from_a && IsNoise(m.error_rad, m) &&
-         AngleBetween(*m.b_from_a, mirror) < kOppositeRad &&
-         AngleBetween(*m.b_from_a, by_pairs) > kOppositeRad;
+         AngleBetween(*m.b_from_a, mirror) < kHalfwayRad &&
+         AngleBetween(*m.b_from_a, by_pairs) > kHalfwayRad;
 }
 
 // Whether a model explains most matches of both cameras.

@@ -18,16 +18,11 @@ namespace {
 constexpr size_t kMinNumKeypoints = 50;
 // A few keypoints may be far outside, for example with a broken detector.
 constexpr double kQuantile = 0.99;
-// The extent of keypoints beyond the camera size, relative to it: on both
-// sides, or far beyond one side if width and height are exchanged.
+// The extent of keypoints beyond the camera size on both sides, relative to it.
 constexpr double kMaxExtent = 1.02;
-constexpr double kMaxLongExtent = 1.2;
-// Keypoints of smaller images end at the same fraction of width and height, and
-// their center is in the upper left part. Masks and skies cut off features at
-// one side only, and features of a fisheye surround its principal point.
-constexpr double kMinExtent = 0.8;
-constexpr double kMaxDifference = 0.15;
-constexpr double kMaxCenter = 0.4;
+// The least difference to the camera size, relative to it, of the longer side:
+// width and height can be exchanged, or the images are smaller.
+constexpr double kMinDifference = 0.2;
 // Single images can have features in only one corner.
 constexpr size_t kMinNumImages = 3;
 constexpr double kMinShareOfImages = 0.2;
@@ -40,11 +35,16 @@ struct Extent {
   double min_y = 0.0;
 
   bool IsTooLarge() const {
-    return std::min(x, y) > kMaxExtent || std::max(x, y) > kMaxLongExtent;
+    return std::min(x, y) > kMaxExtent || std::max(x, y) > 1.0 + kMinDifference;
   }
+  // Keypoints of smaller images end at the same fraction of width and height,
+  // and surround the center of the smaller image. Masks and skies cut off
+  // features at one side only, and features of a fisheye surround its principal
+  // point.
   bool IsTooSmall() const {
-    return std::max(x, y) < kMinExtent && std::abs(x - y) < kMaxDifference &&
-           std::max(min_x + x, min_y + y) < 2.0 * kMaxCenter;
+    return std::max(x, y) < 1.0 - kMinDifference &&
+           std::abs(x - y) < kMinDifference &&
+           std::max(min_x + x, min_y + y) < 1.0 - kMinDifference;
   }
 };
 

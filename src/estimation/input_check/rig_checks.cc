@@ -18,8 +18,6 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// Larger residuals are due to wrong pairs, not to moved cameras.
-constexpr double kMaxResidualRad = 2 * kSameRotationRad;
 // Steps of correct rigs reach 3.6 standard deviations; the weakest real step
 // has 24 (docs/results/input_check.md).
 constexpr double kMinStepInSigmas = 6.0;
@@ -171,7 +169,8 @@ std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples) {
   for (const RigSample& sample : samples) {
     const Vector3d residual =
         LogSO3(sample.b_from_a * typical->b_from_a.conjugate());
-    if (residual.norm() > kMaxResidualRad) continue;
+    // Larger residuals are due to wrong pairs, not to moved cameras.
+    if (residual.norm() > 2.0 * kSameRotationRad) continue;
     residuals.push_back(residual);
     frame_idxs.push_back(sample.frame_idx);
   }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
@@ -19,10 +20,10 @@ namespace mgsfm {
 // (docs/results/constants.md).
 inline constexpr double kSameRotationRad = DegToRad(10.0);
 // Half of the smaller typical error: exchanged axes cause 90 degrees, an
-// inverted translation 180. Directions of short baselines scatter most.
+// inverted translation 180. Directions of short baselines scatter most. Within
+// it, a direction is upright, or opposite to another one.
 inline constexpr double kSameDirectionRad = DegToRad(45.0);
-// A median of five tolerates two outliers.
-inline constexpr size_t kMinNumRigFrames = 5;
+inline constexpr size_t kMinNumRigFrames = kMinNumOfMedian;
 
 // Measurements of the pose of one sensor relative to another of its rig, from
 // image pairs alone: for a constant rig, they are equal in all frames, whatever

@@ -5,13 +5,11 @@
 
 namespace mgsfm {
 
-// Bounds of the damping diagonal D, as in Ceres.
+// The lower bound of the damping diagonal D, as in Ceres.
 constexpr double kMinDamping = 1e-6;
-constexpr double kMaxDamping = 1e32;
 
 MGSFM_ALWAYS_INLINE double ClampDiagonal(double value) {
-  return value < kMinDamping ? kMinDamping
-                             : (value > kMaxDamping ? kMaxDamping : value);
+  return value < kMinDamping ? kMinDamping : value;
 }
 
 // Sums over the eliminated points of a chunk.

@@ -9,8 +9,6 @@
 namespace mgsfm {
 namespace {
 
-// Relative to the diagonal; far below any observable curvature.
-constexpr double kDamping = 1e-12;
 // Poses per solve; bounds the memory of the right-hand sides.
 constexpr size_t kBlocksPerSolve = 16;
 
@@ -73,7 +71,7 @@ std::optional<PoseCovariances> Compute(
   ListPoses(s.sensor_block, problem.sensor_masks, &result.sensors, &poses);
   if (poses.empty()) return result;
   equations.SetState(state);
-  if (!equations.Linearize(kDamping) || !equations.Factorize()) {
+  if (!equations.Linearize(kCovarianceDamping) || !equations.Factorize()) {
     return std::nullopt;
   }
   for (size_t begin = 0; begin < poses.size(); begin += kBlocksPerSolve) {
@@ -130,7 +128,7 @@ std::optional<std::vector<Eigen::MatrixXd>> ComputeOfGroups(
     const PosesOf& poses_of) {
   RigEquations<R> equations(problem, {ReducedSolver::kDirect}, context);
   equations.SetState(state);
-  if (!equations.Linearize(kDamping) || !equations.Factorize()) {
+  if (!equations.Linearize(kCovarianceDamping) || !equations.Factorize()) {
     return std::nullopt;
   }
   const PoseList poses = poses_of(equations.structure());
@@ -163,7 +161,7 @@ std::optional<std::vector<std::vector<double>>> ComputeOfParameters(
   const RigStructure& s = equations.structure();
   std::vector<std::vector<double>> variances(problem.cameras.size());
   equations.SetState(state);
-  if (!equations.Linearize(kDamping) || !equations.Factorize()) {
+  if (!equations.Linearize(kCovarianceDamping) || !equations.Factorize()) {
     return std::nullopt;
   }
   for (size_t i = 0; i < problem.cameras.size(); ++i) {

@@ -12,6 +12,9 @@
 
 namespace mgsfm {
 
+// Relative to the diagonal; far below any observable curvature.
+inline constexpr double kCovarianceDamping = 1e-12;
+
 // Above this standard deviation, the linearization of a rotation is
 // meaningless.
 inline constexpr double kMaxSigmaRad = DegToRad(10.0);

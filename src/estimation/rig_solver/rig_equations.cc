@@ -19,9 +19,6 @@ namespace {
 // Inexact steps converge almost as fast as exact ones. A step takes 17 products
 // on average (docs/results/constants.md).
 constexpr double kConjugateGradientTolerance = 1e-2;
-// Sections of the values of the Schur complement. Chunks are merged into
-// several sections concurrently; 32 suffice for some tens of threads.
-constexpr size_t kNumSections = 32;
 
 // The elements of z for a pose block; zero if the block is constant.
 PoseVector PosePart(const RigStructure& structure, const Eigen::VectorXd& z,
@@ -119,7 +116,7 @@ bool RigEquationsBase::Linearize(double lambda) {
   diagonal_.setZero();
   std::atomic<bool> is_valid{true};
   chunks_.Run(
-      kNumSections,
+      kNumParts,
       [&](size_t c, SchurWorkspace* workspace) {
         const ChunkRanges& chunk = structure_.chunks[c];
         workspace->Start(problem_, structure_, chunk, poses_);
@@ -140,7 +137,7 @@ bool RigEquationsBase::Linearize(double lambda) {
 }
 
 // A section consists of the pairs that begin in one part of the values; pairs
-// are in ascending order.
+// are in ascending order. Chunks are merged into several sections concurrently.
 void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
                                    const SchurWorkspace& w) {
   const size_t num_values = matrix_.num_values();
@@ -148,7 +145,7 @@ void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
   const auto last = structure_.chunk_pairs.begin() + chunk.pairs.end;
   const auto find = [&](size_t bound) {
     return std::partition_point(first, last, [&](const ChunkPair& pair) {
-      return size_t{pair.position} * kNumSections < bound * num_values;
+      return size_t{pair.position} * kNumParts < bound * num_values;
     });
   };
   const auto end = find(section + 1);

@@ -35,13 +35,12 @@ void SchurComplement::Allocate(const RigStructure& structure) {
 }
 
 void SchurComplement::SetZero() {
-  constexpr size_t kValuesAtATime = size_t{1} << 16;
   double* const begin = values();
   const size_t size = num_values();
-  ParallelFor((size + kValuesAtATime - 1) / kValuesAtATime, num_threads_,
+  ParallelFor((size + kItemsPerTask - 1) / kItemsPerTask, num_threads_,
               [&](size_t part) {
-                std::fill(begin + part * kValuesAtATime,
-                          begin + std::min(size, (part + 1) * kValuesAtATime),
+                std::fill(begin + part * kItemsPerTask,
+                          begin + std::min(size, (part + 1) * kItemsPerTask),
                           0.0);
               },
               1);

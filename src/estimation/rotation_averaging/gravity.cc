@@ -78,8 +78,8 @@ void LevelComponents(const RotationProblem& problem, RotationState* state) {
                                         Quaterniond::Identity());
   for (int i = 0; i < components.num_components; ++i) {
     if (directions[i].empty()) continue;
-    old_from_new[i].setFromTwoVectors(Vector3d::UnitY(),
-                                      RobustMeanDirection(directions[i]));
+    old_from_new[i] =
+        RotationBetween(Vector3d::UnitY(), RobustMeanDirection(directions[i]));
   }
   for (int node = 0; node < problem.num_nodes; ++node) {
     Quaterniond& G = state->nodes[node];

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "rotation_averaging/hand_eye.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/robust_loss.h"
 #include "math/robust_scale.h"
@@ -27,12 +26,10 @@ Quaterniond SolveWahba(const std::vector<MotionPair>& motions,
   for (size_t i = 0; i < motions.size(); ++i) {
     M += weights[i] * motions[i].alpha * motions[i].beta.transpose();
   }
-  const Eigen::JacobiSVD<Matrix3d> svd(
-      M, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const double sign =
-      svd.matrixU().determinant() * svd.matrixV().determinant() < 0 ? -1 : 1;
-  const Matrix3d X = svd.matrixU() * Vector3d(1.0, 1.0, sign).asDiagonal() *
-                     svd.matrixV().transpose();
+  const Svd3 svd(M);
+  const double sign = svd.U.determinant() * svd.V.determinant() < 0 ? -1 : 1;
+  const Matrix3d X =
+      svd.U * Vector3d(1.0, 1.0, sign).asDiagonal() * svd.V.transpose();
   return Quaterniond(X).normalized();
 }
 
@@ -54,8 +51,8 @@ double SecondAxisRms(const std::vector<MotionPair>& motions,
     covariance += weights[i] * motions[i].beta * motions[i].beta.transpose();
     sum += weights[i];
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(covariance / sum);
-  return std::sqrt(std::max(0.0, eigen.eigenvalues()[1]));
+  const SymmetricEigen<Matrix3d> eigen(covariance / sum);
+  return std::sqrt(std::max(0.0, eigen.values[1]));
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "bundle_adjustment/solve.h"
 #include "geometry/so3.h"
 #include "rig_solver/image_poses.h"
+#include "rig_solver/pose_covariances.h"
 #include "rig_solver/residuals.h"
 #include "rig_solver/rig_equations.h"
 
@@ -26,10 +27,6 @@ using Eigen::VectorXd;
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 constexpr int kColumns = RigScores::kNumColumns;
-// Relative to the diagonal; far below any observable curvature.
-constexpr double kDamping = 1e-12;
-// Number of partial sums over points, independent of the number of threads.
-constexpr size_t kNumParts = 16;
 
 // The derivatives of one observation, weighted by the loss.
 struct Linearized {
@@ -217,7 +214,7 @@ void RemovePoint(const std::vector<Linearized>& observations, MatrixXd* e) {
     V += P.transpose() * P;
     shift += P.transpose() * e->middleRows<2>(2 * i);
   }
-  V.diagonal() *= 1.0 + kDamping;
+  V.diagonal() *= 1.0 + kCovarianceDamping;
   shift = V.ldlt().solve(shift).eval();
   for (size_t i = 0; i < observations.size(); ++i) {
     e->middleRows<2>(2 * i) -= observations[i].point * shift;
@@ -283,7 +280,8 @@ bool ScoreBuilder::Build(RigScores* result) {
   const RigStructure& s = equations_.structure();
   if (s.is_iterative || s.num_unknowns == 0) return false;
   equations_.SetState(built_.state);
-  if (!equations_.Linearize(kDamping) || !equations_.Factorize()) return false;
+  if (!equations_.Linearize(kCovarianceDamping) || !equations_.Factorize())
+    return false;
   const MatrixXd square = MatrixXd::Zero(num_columns_, num_columns_);
   const int num_blocks = 1 + *std::max_element(rig_.block_of_frame.begin(),
                                                rig_.block_of_frame.end());

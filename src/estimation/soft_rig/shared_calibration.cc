@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "soft_rig/shared_calibration.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "bundle_adjustment/problem_builder.h"
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
@@ -79,18 +79,17 @@ SensorPosePrior ToPrior(const RigSensor& sensor) {
   if (sensor.has_length) {
     scale.tail<3>() /= sensor.sensor_from_rig.translation.norm();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(
+  const SymmetricEigen<Eigen::MatrixXd> eigen(
       (scale.asDiagonal() * sensor.covariance * scale.asDiagonal())
           .topLeftCorner(size, size));
   SensorPosePrior prior{sensor.sensor_from_rig};
   for (int k = 0; k < size; ++k) {
-    const double sigma = std::sqrt(std::max(eigen.eigenvalues()[k], 0.0));
+    const double sigma = std::sqrt(std::max(eigen.values[k], 0.0));
     // Larger standard deviations, in radians and baselines, are uninformative;
     // those below 1e-6 are within rounding errors.
     if (sigma > 10.0) continue;
     prior.sqrt_information.row(k).head(size) =
-        eigen.eigenvectors().col(k).cwiseProduct(scale.head(size)) /
-        std::max(sigma, 1e-6);
+        eigen.V.col(k).cwiseProduct(scale.head(size)) / std::max(sigma, 1e-6);
   }
   return prior;
 }

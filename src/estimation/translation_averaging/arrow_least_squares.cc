@@ -14,8 +14,7 @@ using Eigen::VectorXd;
 using SparseMatrix = Eigen::SparseMatrix<double>;
 using Coordinates = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-// Rows per parallel task; fewer rows do not justify a thread.
-constexpr Eigen::Index kRowsPerRange = 32768;
+constexpr Eigen::Index kRowsPerRange = kItemsPerTask;
 
 // The sum of the products of a compressed row or column with x.
 template <class Matrix>

@@ -9,6 +9,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "geometry/decompositions.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
@@ -35,9 +36,6 @@ constexpr int kMinNumParallax = 8;
 // matches are inliers: log(1e-4) / log(1 - 0.514^2) = 30.
 constexpr int kMaxNumHypotheses = 30;
 constexpr double kLogFailureProbability = -9.2;  // log(1e-4)
-// Number of matches that score a hypothesis. It bounds the time: scores only
-// rank hypotheses, and all matches refine the best one.
-constexpr size_t kMaxNumScored = 200;
 
 // The matches of a pair in the layout that the estimation reads.
 struct BaselineMatches {
@@ -105,14 +103,15 @@ void TryHypothesis(const BaselineMatches& matches, const Vector3d& direction,
   int num_scored = 0, num_inliers = 0;
   // Matches without parallax agree with every direction; the others decide.
   const std::vector<size_t>& wide = matches.wide;
-  for (size_t k = 0; k < wide.size(); k += 1 + wide.size() / kMaxNumScored) {
+  for (size_t k = 0; k < wide.size();
+       k += 1 + wide.size() / kSufficientNumSamples) {
     const double residual2 = matches.SquaredResidual(b, wide[k]);
     score += std::min(residual2, max2);
     ++num_scored;
     num_inliers += residual2 < max2;
   }
   const size_t size = matches.normals.size();
-  const size_t stride = 1 + size / kMaxNumScored;
+  const size_t stride = 1 + size / kSufficientNumSamples;
   for (size_t m = 0; m < size && score < best->score; m += stride) {
     score += std::min(matches.SquaredResidual(b, m), max2);
   }
@@ -265,9 +264,9 @@ std::optional<double> DirectionSigma(const BaselineMatches& matches,
   Eigen::Matrix<double, 3, 2> tangent;
   tangent.col(0) = direction.unitOrthogonal();
   tangent.col(1) = direction.cross(tangent.col(0));
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(
-      tangent.transpose() * information * tangent);
-  const double least = eigen.eigenvalues()[0];
+  const SymmetricEigen<Eigen::Matrix2d> eigen(tangent.transpose() *
+                                              information * tangent);
+  const double least = eigen.values[0];
   if (!(least > 0.0)) return std::nullopt;
   const double sigma = std::hypot(noise.sigma_rad / std::sqrt(least),
                                   kRotationSigma / Median(std::move(sines)));

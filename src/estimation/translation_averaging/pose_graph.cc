@@ -9,6 +9,7 @@
 #include <iterator>
 
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "mgsfm/base/error.h"
 #include "rig_solver/ceres_manifolds.h"
 #include "rig_solver/ceres_solving.h"
@@ -26,10 +27,6 @@ constexpr double kPoseRotationSigma = DegToRad(0.2);
 // The error that remains however many keypoints vote: 0.06 degrees, about the
 // error of averaged rotations (kRotationSigma in baseline_directions.cc).
 constexpr double kMinSigmaInDepths = 1e-3;
-// The scale of the Cauchy loss in standard deviations; it is 95 % efficient at
-// 2.4. Twice the value changes errors by less than 1 %
-// (docs/results/constants.md).
-constexpr double kPoseLossScale = 3.0;
 // A pair shows no parallax if its baseline is shorter than about this: three
 // times the sine of the smallest parallax of 0.3 degrees.
 constexpr double kStandingSigmaInDepths = 0.016;
@@ -250,7 +247,8 @@ PoseGraphEstimate RefinePoseGraph(const RefinementInput& input,
   }
   FramePoses poses = StartOf(input, rotations);
   for (const double factor : kLossAnnealing) {
-    estimate.summary = Solve(edges, factor * kPoseLossScale, context, &poses);
+    estimate.summary =
+        Solve(edges, factor * kCauchyScaleInSigmas, context, &poses);
     if (!estimate.summary.IsUsable()) return estimate;
   }
   TurnFrames(SolvedFrames(input, edges.pair_idxs), poses.rig_from_world,

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "translation_averaging/position_initialization.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <array>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "geometry/decompositions.h"
 #include "math/l1_admm.h"
 #include "math/sparse_solver.h"
 #include "math/statistics.h"
@@ -109,10 +109,9 @@ constexpr double kLowerBound = 0.1;
 // A sensor translation is not determined beyond this standard deviation, in
 // units of the median baseline: two of them reach the baseline itself.
 constexpr double kMaxSensorSigma = 0.5;
-// Ridge rows kRidge x with weight kRidgeWeight make A^T A definite. Their pull
-// is 1e-8 times that of a pair with a baseline of one unit.
+// Ridge rows kRidge x with weight kRidge make A^T A definite. Their pull is
+// 1e-8 times that of a pair with a baseline of one unit.
 constexpr double kRidge = 1e-4;
-constexpr double kRidgeWeight = 1e-4;
 
 // The frames of the largest set that pairs connect; ties go to the set of the
 // first frame.
@@ -316,7 +315,7 @@ void AddGroupPriors(const PairScales& scales, const Unknowns& unknowns,
 
 void AddRidge(int num_unknowns, BlockSystem* system) {
   BlockPenalty penalty;
-  penalty.weight = kRidgeWeight;
+  penalty.weight = kRidge;
   for (int column = 0; column < num_unknowns; ++column) {
     system->triplets.emplace_back(system->num_rows() + column % 3, column,
                                   kRidge);
@@ -386,14 +385,13 @@ std::optional<MatrixXd> ExtrinsicCovariance(const BlockSystem& system,
 MatrixXd FindUnobservable(const MatrixXd& covariance, size_t num_free_sensors) {
   const auto size = static_cast<Eigen::Index>(3 * num_free_sensors);
   if (size == 0) return MatrixXd(0, 0);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(
-      covariance.topLeftCorner(size, size));
+  const SymmetricEigen<MatrixXd> eigen(covariance.topLeftCorner(size, size));
   Eigen::Index num_weak = 0;
-  while (num_weak < size && eigen.eigenvalues()[size - 1 - num_weak] >
+  while (num_weak < size && eigen.values[size - 1 - num_weak] >
                                 kMaxSensorSigma * kMaxSensorSigma) {
     ++num_weak;
   }
-  return eigen.eigenvectors().rightCols(num_weak).transpose();
+  return eigen.V.rightCols(num_weak).transpose();
 }
 
 // Fixes undetermined directions at zero.

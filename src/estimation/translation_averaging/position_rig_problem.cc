@@ -143,7 +143,7 @@ SolveSummary PositionRigProblem::SolveAnnealed(const Context& context) {
   for (const double factor : kLossAnnealing) {
     problem_.loss.scale = factor * options_.loss_scale_rad;
     summary = solver.Solve(
-        factor > 1.0 ? kNumCoarseRefinements : options_.max_num_iterations,
+        factor > 1.0 ? kNumCoarseIterations : options_.max_num_iterations,
         &state_);
     if (!summary.IsUsable()) break;
   }

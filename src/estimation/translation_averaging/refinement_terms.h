@@ -68,12 +68,12 @@ constexpr double kPairWeightWithPoints = 0.1;
 constexpr double kMinRelativeLength = 1e-4;
 
 // The loss of the refinement without points is annealed: its scale is
-// multiplied by these factors. All solves but the last have
-// kNumCoarseRefinements iterations. Half and twice this number, 16 as first
-// factor, or no annealing change errors by at most 1.3 %
-// (docs/results/constants.md).
+// multiplied by these factors. 16 as first factor, or no annealing, changes
+// errors by at most 1.3 % (docs/results/constants.md).
 constexpr double kLossAnnealing[] = {8.0, 2.0, 1.0};
-constexpr int kNumCoarseRefinements = 10;
+// Iterations of a refinement that starts another one. Half and twice the number
+// change errors by at most 1.3 % (docs/results/constants.md).
+constexpr int kNumCoarseIterations = 10;
 
 // Whether there is enough data to refine positions and points.
 bool IsDetermined(const RefinementInput& input,

@@ -23,8 +23,6 @@ namespace {
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// A median of five tolerates two outliers.
-constexpr int kMinNumCommon = 5;
 // Maximum number of links of one pair in one image, most certain first. It
 // bounds the time: the pairs of an image are about equally redundant.
 constexpr int kMaxNumLinks = 3;
@@ -35,10 +33,9 @@ constexpr double kMinScaleSigma = 0.05;
 // The error of expected lengths; links by matches have 40 times the weight.
 constexpr double kExpectedLengthSigma = 0.2;
 // Cauchy loss in standard deviations of a link: from kFirstLossScale, halved
-// each round, to kLastLossScale, which takes four rounds; further rounds
+// each round, to kCauchyScaleInSigmas, which takes four rounds; further rounds
 // converge.
 constexpr double kFirstLossScale = 30.0;
-constexpr double kLastLossScale = 3.0;
 
 struct ScaleLink {
   int pair1;
@@ -71,7 +68,7 @@ bool MakeLink(const std::vector<DepthSample>& depths1,
       scratch->push_back(depths1[a++].log_depth - depths2[b++].log_depth);
     }
   }
-  if (scratch->size() < kMinNumCommon) return false;
+  if (scratch->size() < kMinNumOfMedian) return false;
   link->log_ratio = Median(*scratch);
   for (double& value : *scratch) value = std::abs(value - link->log_ratio);
   const double sigma = RobustSigma<1>(*scratch);
@@ -263,7 +260,7 @@ Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
   solver.Analyze(equations.H);
   for (int round = 0; round < 20; ++round) {
     const double loss_scale =
-        std::max(kLastLossScale, kFirstLossScale * std::pow(0.5, round));
+        std::max(kCauchyScaleInSigmas, kFirstLossScale * std::pow(0.5, round));
     const Eigen::VectorXd rhs = Linearize(
         links, log_scale, {RobustLossType::kCauchy, loss_scale}, &equations);
     double max_step = 0.0;
@@ -274,7 +271,7 @@ Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
       max_step = step.cwiseAbs().maxCoeff();
     }
     // Stopping rule on log(scale), far below kMinRatioSigma.
-    if (loss_scale == kLastLossScale && max_step < 1e-4) break;
+    if (loss_scale == kCauchyScaleInSigmas && max_step < 1e-4) break;
   }
   return log_scale;
 }

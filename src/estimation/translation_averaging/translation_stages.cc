@@ -1,24 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "translation_averaging/translation_stages.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
 
-// The coarse refinement prepares a second triangulation, so it ends early. Half
-// and twice the iterations change errors by less than 1 %, half and twice the
-// loss scale by at most 8 % (docs/results/constants.md).
+// Of the coarse refinement, which prepares a second triangulation. Half and
+// twice the scale change errors by at most 8 % (docs/results/constants.md).
 constexpr double kCoarseLossRad = DegToRad(1.0);
-constexpr int kNumCoarseIterations = 10;
 // Lower bound of the depth of points, relative to the typical depth: nearer
 // points come from rays with nearly the same origin. Half or twice the value
 // does not change errors (docs/results/constants.md).
@@ -290,13 +288,12 @@ void SummarizeEstimate(const PositionProblem& problem,
     // The part of the undetermined subspace that moves this sensor.
     const Eigen::MatrixXd part =
         initial.unobservable.middleCols(static_cast<Eigen::Index>(3 * k), 3);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
-        part.transpose() * part);
+    const SymmetricEigen<Eigen::Matrix3d> eigen(part.transpose() * part);
     // A sensor is reported unless less than this fraction of its squared motion
     // lies in the undetermined subspace. N sensors that move together have 1 /
     // N each; a smaller fraction is less than a tenth of the motion.
     const auto num_weak =
-        static_cast<int>((eigen.eigenvalues().array() > 0.01).count());
+        static_cast<int>((eigen.values.array() > 0.01).count());
     if (num_weak == 0) continue;
     summary->sensors[initial.free_sensors[k]] = {
         false, num_weak, DescribeUnobservable(num_weak)};

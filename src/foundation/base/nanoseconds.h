@@ -2,9 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <ratio>
 
 namespace mgsfm {
 
-constexpr int64_t kNsPerSecond = 1'000'000'000;
+constexpr int64_t kNsPerSecond = std::nano::den;
 
 }  // namespace mgsfm

@@ -10,6 +10,12 @@ namespace mgsfm {
 // select the number of hardware threads.
 int ResolveNumThreads(int num_threads);
 
+// The number of parts of a sum or merge that threads share, whatever their
+// number; it suffices for some tens of threads.
+inline constexpr size_t kNumParts = 16;
+// Additions or copies per task; fewer do not justify a thread.
+inline constexpr size_t kItemsPerTask = 32768;
+
 // Calls function(i) once for every i in [0, size) on num_threads threads.
 // Blocks of `block_size` items are scheduled dynamically, so `function` must
 // write only memory that belongs to its item; results then do not depend on the

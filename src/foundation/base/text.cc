@@ -2,6 +2,7 @@
 #include "base/text.h"
 
 #include <algorithm>
+#include <climits>
 #include <cmath>
 #include <cstdint>
 #include <system_error>
@@ -11,8 +12,8 @@
 namespace mgsfm {
 namespace {
 
-// The longest path that Linux accepts (PATH_MAX).
-constexpr size_t kMaxBytes = 4096;
+// The longest path that the system accepts.
+constexpr size_t kMaxBytes = PATH_MAX;
 
 // The size in bytes of the first character of the text; 0 if it is not valid
 // UTF-8 (RFC 3629, section 4).

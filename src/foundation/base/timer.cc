@@ -24,12 +24,13 @@ double ProcessorSeconds() {
 double PeakMemoryMib() {
   rusage usage{};
   if (getrusage(RUSAGE_SELF, &usage) != 0) return 0.0;
+  constexpr double kKib = 1024.0;
+  const double size = static_cast<double>(usage.ru_maxrss) / kKib;
 #ifdef __APPLE__
-  constexpr double kUnitsPerMib = 1024.0 * 1024.0;  // bytes
+  return size / kKib;  // ru_maxrss is in bytes
 #else
-  constexpr double kUnitsPerMib = 1024.0;  // KiB
+  return size;  // in KiB
 #endif
-  return static_cast<double>(usage.ru_maxrss) / kUnitsPerMib;
 }
 
 StageTime StageTimer::Stop(std::string stage) const {

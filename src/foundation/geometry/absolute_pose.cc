@@ -2,6 +2,7 @@
 #include "geometry/absolute_pose.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -13,12 +14,9 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// The size of a minimal sample: each ray constrains two of six unknowns.
-constexpr int kSampleSize = 3;
-// Loss scales relative to max_error. Errors of inliers are at most 1, so a
-// scale of 0.5 keeps them in the quadratic range and downweights those near the
-// bound. The lower bound avoids a degenerate loss for exact data.
-constexpr double kLossScale = 0.5;
+// A minimal sample: each ray constrains two of six unknowns.
+using MinimalSample = std::array<Vector3d, 3>;
+constexpr int kSampleSize = std::tuple_size_v<MinimalSample>;
 
 // A camera at its pose in the world.
 struct PlacedCamera {
@@ -249,7 +247,7 @@ class AbsolutePoseRansac {
   bool Sample() {
     const CameraPoints& camera = DrawCamera();
     const auto sample = DrawSample<kSampleSize>(camera.size(), random_);
-    std::array<Vector3d, 3> rays, points;
+    MinimalSample rays, points;
     for (int k = 0; k < kSampleSize; ++k) {
       rays[k] = camera.rays[sample[k]];
       points[k] = camera.points[sample[k]];
@@ -261,7 +259,7 @@ class AbsolutePoseRansac {
     for (int i = 0; i < num_poses; ++i) {
       is_better = Try(unit_from_cam * poses[i]) || is_better;
     }
-    if (is_better) Optimize(kLossScale);
+    if (is_better) Optimize(kInlierLossScale);
     return is_better;
   }
 
@@ -280,8 +278,9 @@ class AbsolutePoseRansac {
     const auto middle = errors.begin() + errors.size() / 2;
     std::nth_element(errors.begin(), middle, errors.end());
     Rigid3 refined = *best_;
+    // The lower bound avoids a degenerate loss for exact data.
     const double loss_scale =
-        std::min(kLossScale, std::max(0.02, 2.0 * *middle));
+        std::min(kInlierLossScale, std::max(0.02, 2.0 * *middle));
     if (RefineAbsolutePose(inliers, loss_scale, &refined).IsUsable()) {
       best_ = refined;
     }

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/epipolar.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 #include <cmath>
 
+#include "geometry/decompositions.h"
 #include "geometry/epipolar_terms.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
@@ -54,10 +53,7 @@ Eigen::Matrix3d EssentialFromPose(const Rigid3& cam2_from_cam1) {
 }
 
 std::array<Rigid3, 4> DecomposeEssential(const Eigen::Matrix3d& essential) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(
-      essential, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Matrix3d U = svd.matrixU();
-  Eigen::Matrix3d V = svd.matrixV();
+  auto [U, V, values] = Svd3(essential);
   if (U.determinant() < 0.0) U.col(2) *= -1.0;
   if (V.determinant() < 0.0) V.col(2) *= -1.0;
   Eigen::Matrix3d W;
@@ -72,23 +68,21 @@ std::array<Rigid3, 4> DecomposeEssential(const Eigen::Matrix3d& essential) {
 
 std::vector<PlanarMotion> DecomposeHomography(const Eigen::Matrix3d& homography,
                                               double rotation_tolerance) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(
-      homography, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d& sigma = svd.singularValues();
+  const Svd3 svd(homography);
+  const Eigen::Vector3d& sigma = svd.values;
   if (!(sigma(2) > 1e-9 * sigma(0))) return {};
   // det(R + t n^T) = 1 + t . R n > 0 because both cameras are on the same side.
   const double sign = homography.determinant() > 0.0 ? 1.0 : -1.0;
   const Eigen::Matrix3d H = homography * (sign / sigma(1));
   if (sigma(0) / sigma(2) - 1.0 <= rotation_tolerance) {
-    const Eigen::Matrix3d rotation =
-        sign * svd.matrixU() * svd.matrixV().transpose();
+    const Eigen::Matrix3d rotation = sign * svd.U * svd.V.transpose();
     return {
         {{Eigen::Quaterniond(rotation).normalized(), Eigen::Vector3d::Zero()},
          Eigen::Vector3d::UnitZ()}};
   }
   const double s1 = std::pow(sigma(0) / sigma(1), 2);
   const double s3 = std::pow(sigma(2) / sigma(1), 2);
-  const Eigen::Matrix3d V = svd.matrixV();
+  const Eigen::Matrix3d V = svd.V;
   const Eigen::Vector3d along = std::sqrt((1.0 - s3) / (s1 - s3)) * V.col(0);
   const Eigen::Vector3d across = std::sqrt((s1 - 1.0) / (s1 - s3)) * V.col(2);
   std::vector<PlanarMotion> motions;

@@ -11,9 +11,9 @@
 namespace mgsfm::internal {
 namespace {
 
-// The number of doubles in an AVX register.
-constexpr int kWidth = 4;
-typedef double Four __attribute__((vector_size(8 * kWidth)));
+// An AVX register.
+typedef double Four __attribute__((vector_size(32)));
+constexpr int kWidth = sizeof(Four) / sizeof(double);
 
 // The ray components of four matches. SIMD lanes without a match have weight 0.
 struct FourMatches {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <cmath>
 #include <limits>
 
+#include "geometry/decompositions.h"
 #include "geometry/epipolar.h"
 #include "geometry/epipolar_linearization.h"
 #include "geometry/epipolar_terms.h"
@@ -198,9 +198,7 @@ double DirectionSigmaRad(const RayMatches& matches,
       mixed.transpose() *
           hessian.topLeftCorner<3, 3>().completeOrthogonalDecomposition().solve(
               mixed);
-  const double least =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(information)
-          .eigenvalues()[0];
+  const double least = SymmetricEigen<Eigen::Matrix2d>(information).values[0];
   return least > 0.0 ? options.loss_scale_rad / std::sqrt(least)
                      : std::numeric_limits<double>::infinity();
 }
@@ -243,10 +241,7 @@ Eigen::Vector3d FitDirection(const RayMatches& matches,
         (rotation * matches.rays1[i]).cross(matches.rays2[i]);
     normals.noalias() += normal * normal.transpose();
   }
-  // Eigenvalues are in ascending order.
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(normals)
-      .eigenvectors()
-      .col(0);
+  return SymmetricEigen<Eigen::Matrix3d>(normals).V.col(0);
 }
 
 }  // namespace mgsfm

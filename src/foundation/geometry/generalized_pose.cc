@@ -17,9 +17,7 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 // The size of a minimal sample: each match constrains one of six unknowns. Five
 // determine the pose up to the baseline length, the sixth determines the
 // length.
-constexpr int kSampleSize = 6;
-// Relative to max_error, for the reason given in absolute_pose.cc.
-constexpr double kLossScale = 0.5;
+constexpr int kSampleSize = Vector6d::RowsAtCompileTime;
 
 Rigid3 CameraMotion(const UnitMatches& pair, const Rigid3& unit2_from_unit1) {
   return pair.cam2_from_unit2 * unit2_from_unit1 *
@@ -122,10 +120,10 @@ PoseEquations Linearize(const std::vector<UnitMatches>& pairs,
     for (size_t i = 0; i < pair.rays.size(); ++i) {
       const double r =
           SampsonTerms(pair, unit2_from_unit1, motion, i, &gradient);
-      const double x = 1.0 + r * r / (kLossScale * kLossScale);
+      const double x = 1.0 + r * r / (kInlierLossScale * kInlierLossScale);
       equations.hessian.noalias() += gradient / x * gradient.transpose();
       equations.gradient += r / x * gradient;
-      equations.cost += 0.5 * kLossScale * kLossScale * std::log(x);
+      equations.cost += 0.5 * kInlierLossScale * kInlierLossScale * std::log(x);
     }
   }
   return equations;

@@ -5,19 +5,13 @@
 #include <Eigen/LU>
 
 namespace mgsfm {
-namespace {
-
-// Matrices in text files with four digits deviate by at most 4e-4.
-constexpr double kMatrixTolerance = 1e-3;
-
-}  // namespace
 
 std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a) {
   const Eigen::Matrix3d rotation = b_from_a.leftCols<3>();
   const bool is_rotation =
       b_from_a.allFinite() && rotation.determinant() > 0.0 &&
       (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm() <
-          kMatrixTolerance;
+          kFourDigitTolerance;
   if (!is_rotation) return std::nullopt;
   return Rigid3{Eigen::Quaterniond(rotation).normalized(), b_from_a.col(3)};
 }
@@ -26,7 +20,7 @@ std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a) {
   if (b_from_a.size() != 12 && b_from_a.size() != 16) return std::nullopt;
   if (b_from_a.size() == 16) {
     const Eigen::Map<const Eigen::RowVector4d> last(b_from_a.data() + 12);
-    if ((last - Eigen::RowVector4d::UnitW()).norm() > kMatrixTolerance) {
+    if ((last - Eigen::RowVector4d::UnitW()).norm() > kFourDigitTolerance) {
       return std::nullopt;
     }
   }

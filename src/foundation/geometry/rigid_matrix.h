@@ -12,8 +12,12 @@ namespace mgsfm {
 // b_from_a as [R | t].
 using RigidMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
+// Rotations of text files with four digits deviate by at most 4e-4: matrices
+// from an orthogonal one, quaternions from length one.
+inline constexpr double kFourDigitTolerance = 1e-3;
+
 // R is made orthogonal. nullopt if R R^T deviates from the identity by more
-// than 1e-3; rounding to four digits causes less.
+// than kFourDigitTolerance.
 std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a);
 
 // The same for the numbers of a matrix of 3 or 4 rows, in row-major order.

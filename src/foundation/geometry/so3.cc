@@ -54,6 +54,12 @@ Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q) {
   return std::abs(q.squaredNorm() - 1.0) <= 1e-14 ? q : q.normalized();
 }
 
+// In this file only, because Eigen's function takes seconds to compile.
+Eigen::Quaterniond RotationBetween(const Eigen::Vector3d& from,
+                                   const Eigen::Vector3d& to) {
+  return Eigen::Quaterniond::FromTwoVectors(from, to);
+}
+
 double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
   return LogSO3(a.conjugate() * b).norm();
 }

@@ -31,10 +31,14 @@ Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q);
 // Geodesic distance in [0, pi], radians.
 double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b);
 
+// The smallest rotation that turns `from` to the direction of `to`.
+Eigen::Quaterniond RotationBetween(const Eigen::Vector3d& from,
+                                   const Eigen::Vector3d& to);
+
 // Angle between two vectors in [0, pi], radians; accurate for small angles.
 double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b);
 
-constexpr double kPi = 3.14159265358979323846;
+constexpr double kPi = EIGEN_PI;
 constexpr double DegToRad(double deg) { return deg * (kPi / 180.0); }
 constexpr double RadToDeg(double rad) { return rad * (180.0 / kPi); }
 

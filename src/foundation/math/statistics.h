@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
 namespace mgsfm {
@@ -12,6 +13,13 @@ double Quantile(std::vector<double> values, double q);
 
 // Quantile(values, 0.5).
 double Median(std::vector<double> values);
+
+// A median of five tolerates two outliers.
+inline constexpr size_t kMinNumOfMedian = 5;
+
+// A mean or median of as many samples is accurate to a tenth of their standard
+// deviation; more only cost time.
+inline constexpr size_t kSufficientNumSamples = 200;
 
 // The median of each coordinate. `vectors` must not be empty.
 Eigen::Vector3d MedianOfCoordinates(

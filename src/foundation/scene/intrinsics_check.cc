@@ -19,6 +19,7 @@ constexpr double kMinFocalLengthRatio = 0.1;
 // keep one of the coordinates. If both are off by a common factor, the
 // intrinsics belong to images of another size.
 constexpr double kMinScaleOfOtherSize = 1.2;
+// The largest ratio of the scales along the axes of an ordinary lens.
 constexpr double kMaxScaleMismatch = 1.1;
 
 const CameraModelInfo& ModelOf(const Camera& camera) {
@@ -151,7 +152,7 @@ std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
 // Whether fx, cx, fy, cy were given instead of fx, fy, cx, cy: swapping them
 // back makes the focal lengths agree better and centers the principal point.
 std::optional<std::string> WhyInOtherOrder(const Camera& camera) {
-  constexpr double kMinMismatch = 1.1, kMaxMismatch = 1.05;
+  constexpr double kMaxMismatch = 1.05;  // after the swap
   if (!HasTwoFocalLengths(camera)) return std::nullopt;
   const std::vector<int>& focal_idxs = ModelOf(camera).focal_length_idxs;
   const double fx = camera.params[focal_idxs[0]];
@@ -161,7 +162,7 @@ std::optional<std::string> WhyInOtherOrder(const Camera& camera) {
   const auto mismatch = [fx](double other) {
     return std::max(fx / other, other / fx);
   };
-  if (mismatch(fy) < kMinMismatch || mismatch(cx) > kMaxMismatch ||
+  if (mismatch(fy) < kMaxScaleMismatch || mismatch(cx) > kMaxMismatch ||
       std::abs(fy - center_x) >= std::abs(cx - center_x)) {
     return std::nullopt;
   }

@@ -8,18 +8,12 @@
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
-namespace {
-
-// Bounds the quadratic cost; the median of 200 samples is accurate to about a
-// tenth of their standard deviation.
-constexpr size_t kMaxNumCandidates = 200;
-
-}  // namespace
 
 Rigid3 TypicalPose(const std::vector<Rigid3>& poses) {
   MGSFM_CHECK(!poses.empty());
+  // Bounds the quadratic cost.
   const size_t step =
-      (poses.size() + kMaxNumCandidates - 1) / kMaxNumCandidates;
+      (poses.size() + kSufficientNumSamples - 1) / kSufficientNumSamples;
   double least_sum = std::numeric_limits<double>::infinity();
   Rigid3 typical;
   for (size_t i = 0; i < poses.size(); i += step) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/text.h"
+#include "geometry/rigid_matrix.h"
 #include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
 
@@ -12,9 +13,7 @@ namespace mgsfm {
 namespace {
 
 bool IsUnit(const Eigen::Quaterniond& rotation) {
-  // Rounding of quaternions to four digits stays below this tolerance.
-  constexpr double kTolerance = 1e-3;
-  return std::abs(rotation.norm() - 1.0) < kTolerance;
+  return std::abs(rotation.norm() - 1.0) < kFourDigitTolerance;
 }
 
 }  // namespace

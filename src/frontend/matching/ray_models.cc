@@ -3,12 +3,13 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
+
+#include "geometry/decompositions.h"
 
 namespace mgsfm {
 namespace {
@@ -141,12 +142,9 @@ struct FundamentalProblem {
         ++num_inliers;
       }
       if (num_inliers < 8) return std::nullopt;
-      const Eigen::JacobiSVD<Eigen::Matrix3d> svd(
-          ToMatrix(SmallestEigenvector(A)),
-          Eigen::ComputeFullU | Eigen::ComputeFullV);
-      Eigen::Vector3d values = svd.singularValues();
+      auto [U, V, values] = Svd3(ToMatrix(SmallestEigenvector(A)));
       values.z() = 0.0;
-      F = svd.matrixU() * values.asDiagonal() * svd.matrixV().transpose();
+      F = U * values.asDiagonal() * V.transpose();
     }
     return F;
   }

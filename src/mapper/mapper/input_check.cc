@@ -33,12 +33,6 @@ constexpr double kMinRegisteredShare = 0.9;
 // fraction.
 constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
-// The relative standard deviation of the baselines of a known rig, as in the
-// priors of bundle adjustment.
-constexpr double kKnownRigSigma = 0.01;
-// An estimated focal length this close to the initial one confirms it: two
-// standard deviations at the default of max_focal_length_sigma.
-constexpr double kMaxConfirmedChange = 0.02;
 
 void Append(std::vector<Finding> from, std::vector<Finding>* to) {
   to->insert(to->end(), std::make_move_iterator(from.begin()),
@@ -197,7 +191,8 @@ std::string UnitRemedy(double scale) {
 // another unit, they cannot agree with it.
 std::vector<Finding> CheckPositionUnit(const Scene& scene,
                                        const PositionPriors& priors,
-                                       const MapperResult& result) {
+                                       const MapperResult& result,
+                                       double known_rig_sigma) {
   for (const MapperModel& model : result.models) {
     if (!model.position_priors || !model.position_priors->is_registered ||
         !model.translation.is_metric) {
@@ -214,7 +209,7 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
     // Distances that share positions are not independent: the uncertainty is
     // the deviation of a single distance, combined with that of the known rig.
     const double sigma =
-        std::hypot(RobustSigma<1>(std::move(deviations)), kKnownRigSigma);
+        std::hypot(RobustSigma<1>(std::move(deviations)), known_rig_sigma);
     if (std::abs(center) <= kRareErrorInSigmas * sigma) continue;
     const std::string number = Formatted("%.3g", std::exp(center));
     return {{Cause::kPositionUnit,
@@ -363,7 +358,8 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
            &causes);
   }
   std::vector<Finding> of_unit =
-      CheckPositionUnit(scene, input.position_priors, *result);
+      CheckPositionUnit(scene, input.position_priors, *result,
+                        options.bundle_adjustment.sensor_from_rig_prior_sigma);
   Append(of_unit.empty() ? CheckPositionPriors(input.position_priors, *result)
                          : std::move(of_unit),
          &causes);
@@ -384,13 +380,15 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
   Append(std::move(findings), &result->findings);
 }
 
-void AddUncertainFocalLengths(const Scene& scene, MapperResult* result) {
+void AddUncertainFocalLengths(const Scene& scene, double max_sigma,
+                              MapperResult* result) {
+  const double max_confirmed_change = 2.0 * max_sigma;
   std::vector<bool> is_named(scene.cameras.size(), false);
   for (const MapperModel& model : result->models) {
     for (const FocalLengthCheck& check : model.focal_lengths) {
       const bool is_confirmed =
           std::abs(std::log(check.estimated_px / check.prior_px)) <
-              kMaxConfirmedChange &&
+              max_confirmed_change &&
           !IsAssumedFocalLength(scene.cameras[check.camera_idx],
                                 check.prior_px);
       if (check.message.empty() || is_confirmed || is_named[check.camera_idx]) {

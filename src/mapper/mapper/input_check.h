@@ -17,8 +17,10 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
                 MapperResult* result);
 
 // Reports estimated focal lengths that are uncertain, once per camera, unless
-// the estimate agrees with the initial value.
-void AddUncertainFocalLengths(const Scene& scene, MapperResult* result);
+// the estimate agrees with the initial value, up to two of the largest relative
+// standard deviations that count as certain.
+void AddUncertainFocalLengths(const Scene& scene, double max_sigma,
+                              MapperResult* result);
 
 // Logs at most five findings, as warnings.
 void LogFindings(const MapperResult& result, const Context& context);

@@ -242,7 +242,8 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
                      lenses, of_round, context_of_round});
   };
   MapperResult result = MapWithLenses(input, map, options, context);
-  AddUncertainFocalLengths(input.scene, &result);
+  AddUncertainFocalLengths(
+      input.scene, options.bundle_adjustment.max_focal_length_sigma, &result);
   LogFindings(result, context);
   return result;
 }

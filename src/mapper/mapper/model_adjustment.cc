@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/model_adjustment.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -14,6 +13,7 @@
 #include "base/format.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "bundle_adjustment/residual_field.h"
+#include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "georegistration/gravity_leveling.h"
 #include "georegistration/metric_scale.h"
@@ -413,11 +413,8 @@ Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
   if (centers.empty()) return old_from_new;
   old_mean /= static_cast<double>(centers.size());
   new_mean /= static_cast<double>(centers.size());
-  const Eigen::Vector4d mean_rotation =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(moments)
-          .eigenvectors()
-          .col(3);
-  old_from_new.rotation.coeffs() = mean_rotation;
+  old_from_new.rotation.coeffs() =
+      SymmetricEigen<Eigen::Matrix4d>(moments).V.col(3);
   double products = 0.0, squares = 0.0;
   for (const auto& [old_center, new_center] : centers) {
     const Eigen::Vector3d turned =

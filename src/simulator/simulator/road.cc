@@ -148,8 +148,7 @@ Eigen::Quaterniond LevelFromWorld(const Drive& drive) {
   for (const Rigid3& rig_from_world : drive.rig_from_world) {
     down += rig_from_world.rotation.conjugate() * Eigen::Vector3d::UnitY();
   }
-  return Eigen::Quaterniond::FromTwoVectors(-down.normalized(),
-                                            Eigen::Vector3d::UnitZ());
+  return RotationBetween(-down.normalized(), Eigen::Vector3d::UnitZ());
 }
 
 Eigen::Vector2d MeanHeading(const Drive& drive,

@@ -5,6 +5,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <optional>
 
 #include "geometry/camera_models/radial_profiles.h"
@@ -33,8 +34,8 @@ template <class Distortion>
 std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
                                                 const Eigen::Vector2d& target,
                                                 double max_radius) {
-  // Newton converges in a few steps; 50 halvings exhaust the double precision.
-  constexpr int kMaxHalvings = 50;
+  // Newton converges in a few steps; more halvings exhaust the precision.
+  constexpr int kMaxHalvings = std::numeric_limits<double>::digits;
   const auto is_inside = [&](const Eigen::Vector2d& m) {
     return m.norm() < max_radius && Distortion::IsInjectiveTo(k, m.norm());
   };
