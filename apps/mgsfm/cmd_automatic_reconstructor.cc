@@ -171,6 +171,7 @@ struct AutomaticReconstructorOptions {
   SequentialMatchingOptions sequential;
   ExhaustiveMatchingOptions exhaustive;
   VocabularyOptions vocabulary;
+  BaselineOptions baseline;
   MapperOptions mapper;
 
   template <class Visitor>
@@ -183,7 +184,7 @@ struct AutomaticReconstructorOptions {
     visit.Group("SequentialMatching", sequential);
     visit.Group("ExhaustiveMatching", exhaustive);
     visit.Group("VocabTree", vocabulary);
-    visit(mapper);
+    visit(baseline.method, mapper);
   }
 };
 
@@ -372,6 +373,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                 options.priors,
                 options.mapper,
                 OptionsToJsonOf(given)};
+  run.baseline = options.baseline;
   run.write_report = options.write_report;
   run.live = live.get();
   return MapDatabase(run, context);

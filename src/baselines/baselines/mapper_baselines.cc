@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "baselines/mapper_baselines.h"
 
+#include "mapper/incremental_mapper.h"
 #include "mapper/mapper_recipe.h"
 #include "mgsfm/base/error.h"
 
@@ -23,6 +24,7 @@ MethodDefaults DefaultsOf(MapperMethod method) {
       return {RotationStrategy::kJoint,
               TranslationSource::kRelativeTranslations,
               TranslationObjective::kDistance};
+    case MapperMethod::kIncremental:
     case MapperMethod::kMgsfm:
       break;
   }
@@ -66,6 +68,9 @@ MapperResult RunBaseline(const BaselineOptions& baseline,
   MapperOptions resolved = options;
   const PositionBaselineOptions positions =
       ResolveBaseline(baseline, &resolved).positions;
+  if (baseline.method == MapperMethod::kIncremental) {
+    return RunIncrementalMapper(input, resolved, context);
+  }
   if (IsProduct(positions)) {
     return RunMapper(input, resolved, context);
   }

@@ -11,14 +11,15 @@
 
 namespace mgsfm {
 
-// Methods to compare the mapper with. They replace rotation averaging or the
-// step from rotations to positions, and share all other stages.
+// Methods to compare the mapper with. They replace rotation averaging, the step
+// from rotations to positions, or both, and share all other stages.
 enum class MapperMethod {
-  kMgsfm,    // the product
-  kDmraMgp,  // decoupled rotations; tracks, bilinear: global positioning
-  kMma,      // joint rotations; relative_translations, distance
-  kSingle,   // every image a frame of its own, see SeparateImages(); then
-             // tracks, bilinear, as in GLOMAP
+  kMgsfm,        // the product
+  kDmraMgp,      // decoupled rotations; tracks, bilinear: global positioning
+  kMma,          // joint rotations; relative_translations, distance
+  kIncremental,  // rigs grow frame by frame, as in MCSfM
+  kSingle,       // every image a frame of its own, see SeparateImages(); then
+                 // tracks, bilinear, as in GLOMAP
 };
 
 template <>
@@ -27,16 +28,18 @@ struct EnumTable<MapperMethod> {
       {"mgsfm", MapperMethod::kMgsfm},
       {"dmra_mgp", MapperMethod::kDmraMgp},
       {"mma", MapperMethod::kMma},
+      {"incremental", MapperMethod::kIncremental},
       {"single", MapperMethod::kSingle}};
 };
 
 struct BaselineOptions {
   Option<MapperMethod> method{
       "method", MapperMethod::kMgsfm,
-      "Choose mgsfm, or a method to compare with: dmra_mgp (global positioning "
-      "of rigs), mma (joint rotations, distances), single (global positioning "
-      "of single images, without rigs). It sets the options that are auto; "
-      "others keep their values."};
+      "Choose mgsfm; incremental, which adds frame by frame; or a method to "
+      "compare with: dmra_mgp (global positioning of rigs), mma (joint "
+      "rotations, distances), single (global positioning of single images, "
+      "without rigs). It sets the options that are auto; others keep their "
+      "values."};
   PositionBaselineOptions positions;
 
   template <class Visitor>

@@ -24,16 +24,23 @@ double ImageView::ReprojectionError(const Eigen::Vector3d& point,
   return (*projected - pixel).norm();
 }
 
+ImageView MakeImageView(const Scene& scene,
+                        const Reconstruction& reconstruction, int image_idx) {
+  const std::optional<Rigid3> pose =
+      reconstruction.CamFromWorld(scene, image_idx);
+  if (!pose) return {};
+  const Camera& camera =
+      reconstruction.cameras[scene.images[image_idx].camera_idx];
+  return {true, pose->rotation.toRotationMatrix(), pose->Center(), camera.model,
+          camera.params.data()};
+}
+
 std::vector<ImageView> MakeImageViews(const Scene& scene,
                                       const Reconstruction& reconstruction) {
-  std::vector<ImageView> views(scene.images.size());
-  for (size_t i = 0; i < views.size(); ++i) {
-    const std::optional<Rigid3> pose =
-        reconstruction.CamFromWorld(scene, static_cast<int>(i));
-    if (!pose) continue;
-    const Camera& camera = reconstruction.cameras[scene.images[i].camera_idx];
-    views[i] = {true, pose->rotation.toRotationMatrix(), pose->Center(),
-                camera.model, camera.params.data()};
+  std::vector<ImageView> views;
+  views.reserve(scene.images.size());
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    views.push_back(MakeImageView(scene, reconstruction, static_cast<int>(i)));
   }
   return views;
 }

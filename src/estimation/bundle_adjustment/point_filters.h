@@ -37,6 +37,9 @@ struct ImageView {
                            const Eigen::Vector2d& pixel) const;
 };
 
+ImageView MakeImageView(const Scene& scene,
+                        const Reconstruction& reconstruction, int image_idx);
+
 // Per image of the scene.
 std::vector<ImageView> MakeImageViews(const Scene& scene,
                                       const Reconstruction& reconstruction);

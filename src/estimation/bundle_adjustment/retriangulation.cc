@@ -207,24 +207,6 @@ Point3D MakePoint(const Hypothesis& hypothesis, Candidates* candidates) {
   return point;
 }
 
-std::vector<Point3D> TriangulateGroup(
-    const Scene& scene, Candidates candidates,
-    const std::vector<Eigen::Vector3d>& old_points,
-    const PointFilterOptions& options) {
-  const int min_num_inliers =
-      std::max({2, options.min_num_observations,
-                static_cast<int>(std::ceil(options.min_group_share *
-                                           NumImages(candidates)))});
-  std::vector<Point3D> points;
-  while (candidates.size() >= 2) {
-    const Hypothesis best =
-        FindBestHypothesis(candidates, options.max_error_px, old_points);
-    if (!IsAcceptable(scene, candidates, best, min_num_inliers, options)) break;
-    points.push_back(MakePoint(best, &candidates));
-  }
-  return points;
-}
-
 // Marks keypoints and points without a group. An int instead of std::optional
 // saves memory; GroupByKey() ignores negative keys.
 constexpr int kNoGroup = -1;
@@ -273,6 +255,26 @@ std::vector<Eigen::Vector3d> PointsOfGroup(
 
 }  // namespace
 
+std::vector<Point3D> TriangulateGroup(
+    const Scene& scene, const std::vector<ImageView>& views,
+    const Observation* begin, const Observation* end,
+    const std::vector<Eigen::Vector3d>& old_points,
+    const PointFilterOptions& options) {
+  Candidates candidates = CollectCandidates(scene, views, begin, end);
+  const int min_num_inliers =
+      std::max({2, options.min_num_observations,
+                static_cast<int>(std::ceil(options.min_group_share *
+                                           NumImages(candidates)))});
+  std::vector<Point3D> points;
+  while (candidates.size() >= 2) {
+    const Hypothesis best =
+        FindBestHypothesis(candidates, options.max_error_px, old_points);
+    if (!IsAcceptable(scene, candidates, best, min_num_inliers, options)) break;
+    points.push_back(MakePoint(best, &candidates));
+  }
+  return points;
+}
+
 void Retriangulate(const Scene& scene, const ObservationGroups& groups,
                    const PointFilterOptions& options, int num_threads,
                    Reconstruction* reconstruction) {
@@ -304,8 +306,7 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
     ParallelFor(points.size(), num_threads, [&](size_t i) {
       const size_t g = begin + i;
       points[i] = TriangulateGroup(
-          scene,
-          CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
+          scene, views, groups.begin(g), groups.end(g),
           PointsOfGroup(points_of_group, old_points, g), options);
     });
     for (std::vector<Point3D>& of_group : points) {

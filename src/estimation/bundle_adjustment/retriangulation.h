@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
+#include <vector>
+
 #include "bundle_adjustment/point_filters.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -26,5 +29,13 @@ namespace mgsfm {
 void Retriangulate(const Scene& scene, const ObservationGroups& groups,
                    const PointFilterOptions& options, int num_threads,
                    Reconstruction* reconstruction);
+
+// The points of one group, those with the most observations first. `old_points`
+// are the previous points of the group.
+std::vector<Point3D> TriangulateGroup(
+    const Scene& scene, const std::vector<ImageView>& views,
+    const Observation* begin, const Observation* end,
+    const std::vector<Eigen::Vector3d>& old_points,
+    const PointFilterOptions& options);
 
 }  // namespace mgsfm

@@ -11,17 +11,11 @@
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/registration/model_extension.h"
 #include "registration/point_matches.h"
+#include "registration/unit_resection.h"
 #include "scene/typical_pose.h"
 
 namespace mgsfm {
 namespace {
-
-// The pose of a rigid unit (a frame or a single image) and its support.
-struct UnitPose {
-  std::optional<Rigid3> unit_from_world;
-  int num_keypoints = 0;
-  int num_inliers = 0;
-};
 
 // The constant inputs of all resections.
 struct ResectionInput {
@@ -66,30 +60,6 @@ CameraPoints CollectPoints(const ResectionInput& input, int image_idx,
   return result;
 }
 
-UnitPose ResectUnit(const ResectionInput& input,
-                    const std::vector<CameraPoints>& cameras, uint64_t stream) {
-  const ResectionOptions& options = input.options;
-  UnitPose result;
-  for (const CameraPoints& camera : cameras) {
-    result.num_keypoints += static_cast<int>(camera.size());
-  }
-  if (result.num_keypoints < options.abs_pose_min_num_inliers) return result;
-  RansacOptions ransac;
-  ransac.max_num_trials = options.abs_pose_max_num_trials;
-  ransac.min_num_trials =
-      std::min(ransac.min_num_trials, ransac.max_num_trials);
-  Random random(input.context.random_seed, stream);
-  const auto pose = EstimateAbsolutePose(cameras, ransac, &random);
-  if (!pose) return result;
-  result.num_inliers = ScoreAbsolutePose(cameras, *pose).num_inliers;
-  if (result.num_inliers >= options.abs_pose_min_num_inliers &&
-      result.num_inliers >=
-          options.abs_pose_min_inlier_ratio * result.num_keypoints) {
-    result.unit_from_world = pose;
-  }
-  return result;
-}
-
 // ------------------------------------------------------------------ sensors
 
 // cam_from_world of each image of a rig with an uncalibrated sensor.
@@ -108,8 +78,8 @@ std::vector<UnitPose> ResectSingleImages(const ResectionInput& input,
         const Image& image = scene.images[i];
         if (rig_is_calibrated[scene.frames[image.frame_idx].rig_idx]) return;
         poses[i] = ResectUnit(
-            input, {CollectPoints(input, static_cast<int>(i), Rigid3())},
-            StreamOfImage(i));
+            {CollectPoints(input, static_cast<int>(i), Rigid3())},
+            input.options, input.context.random_seed, StreamOfImage(i));
       },
       1);
   return poses;
@@ -205,7 +175,8 @@ std::optional<Rigid3> ResectFrame(const ResectionInput& input,
     if (sensor) cameras.push_back(CollectPoints(input, image_idx, *sensor));
   }
   const UnitPose pose =
-      ResectUnit(input, cameras, StreamOfFrame(frame->frame_idx));
+      ResectUnit(cameras, input.options, input.context.random_seed,
+                 StreamOfFrame(frame->frame_idx));
   frame->num_images = static_cast<int>(cameras.size());
   frame->num_keypoints = pose.num_keypoints;
   frame->num_inliers = pose.num_inliers;
@@ -214,6 +185,30 @@ std::optional<Rigid3> ResectFrame(const ResectionInput& input,
 }
 
 }  // namespace
+
+UnitPose ResectUnit(const std::vector<CameraPoints>& cameras,
+                    const ResectionOptions& options, uint64_t seed,
+                    uint64_t stream) {
+  UnitPose result;
+  for (const CameraPoints& camera : cameras) {
+    result.num_keypoints += static_cast<int>(camera.size());
+  }
+  if (result.num_keypoints < options.abs_pose_min_num_inliers) return result;
+  RansacOptions ransac;
+  ransac.max_num_trials = options.abs_pose_max_num_trials;
+  ransac.min_num_trials =
+      std::min(ransac.min_num_trials, ransac.max_num_trials);
+  Random random(seed, stream);
+  const auto pose = EstimateAbsolutePose(cameras, ransac, &random);
+  if (!pose) return result;
+  result.num_inliers = ScoreAbsolutePose(cameras, *pose).num_inliers;
+  if (result.num_inliers >= options.abs_pose_min_num_inliers &&
+      result.num_inliers >=
+          options.abs_pose_min_inlier_ratio * result.num_keypoints) {
+    result.unit_from_world = pose;
+  }
+  return result;
+}
 
 ResectionResult ResectFrames(const Scene& scene, const Bearings& bearings,
                              const ViewGraph& view_graph,

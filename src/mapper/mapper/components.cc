@@ -136,21 +136,26 @@ std::vector<RejectedGroup> FindRejectedGroups(const VerifiedPairs& pairs,
   return groups;
 }
 
-void KeepLargeModels(const Scene& scene, const EstimatedRotations& rotations,
-                     const Mask& frame_is_ambiguous,
-                     const MapperOptions& options, MapperResult* result) {
-  std::vector<MapperModel>& models = result->models;
-  SortBySize(&models);
-  const Mask is_in_small_model =
-      DropSmallModels(scene, options.min_model_size, &models);
+Mask KeepLargeModels(const Scene& scene, const MapperOptions& options,
+                     std::vector<MapperModel>* models) {
+  SortBySize(models);
+  return DropSmallModels(scene, options.min_model_size, models);
+}
+
+bool IsInModel(const std::vector<MapperModel>& models, size_t frame_idx) {
+  return std::any_of(models.begin(), models.end(), [&](const MapperModel& m) {
+    return m.reconstruction.rig_from_world[frame_idx].has_value();
+  });
+}
+
+void ListUnregistered(const Scene& scene, const EstimatedRotations& rotations,
+                      const Mask& frame_is_ambiguous,
+                      const Mask& is_in_small_model,
+                      const MapperOptions& options, MapperResult* result) {
   const std::vector<int> num_frames =
       CountFramesOfComponents(rotations.estimate);
   for (size_t i = 0; i < scene.frames.size(); ++i) {
-    const bool is_registered =
-        std::any_of(models.begin(), models.end(), [i](const MapperModel& m) {
-          return m.reconstruction.rig_from_world[i].has_value();
-        });
-    if (is_registered) continue;
+    if (IsInModel(result->models, i)) continue;
     std::optional<int> num_frames_of_component;
     if (const auto& component = rotations.estimate.component[i]) {
       num_frames_of_component = num_frames[*component];

@@ -32,10 +32,19 @@ namespace mgsfm {
     const PairVerdicts& verdicts, const Context& context);
 
 // Sorts the models by descending number of frames, which splitting a component
-// changes, drops those of fewer than min_model_size images, but never the first
-// one, and lists the frames that are in no model, with the reason.
-void KeepLargeModels(const Scene& scene, const EstimatedRotations& rotations,
-                     const Mask& frame_is_ambiguous,
-                     const MapperOptions& options, MapperResult* result);
+// changes, and drops those of fewer than min_model_size images, but never the
+// first one. Returns the frames of dropped models.
+Mask KeepLargeModels(const Scene& scene, const MapperOptions& options,
+                     std::vector<MapperModel>* models);
+
+// Lists the frames that are in no model, with the reason.
+void ListUnregistered(const Scene& scene, const EstimatedRotations& rotations,
+                      const Mask& frame_is_ambiguous,
+                      const Mask& is_in_small_model,
+                      const MapperOptions& options, MapperResult* result);
+
+// Whether one of the models has a frame.
+[[nodiscard]] bool IsInModel(const std::vector<MapperModel>& models,
+                             size_t frame_idx);
 
 }  // namespace mgsfm

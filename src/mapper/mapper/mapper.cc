@@ -26,19 +26,11 @@
 namespace mgsfm {
 namespace {
 
-// The inputs of a run. Runs with a subset of the pairs calibrate lenses.
-struct Run {
-  const PositionStep& estimate_positions;
-  const MapperInput& input;  // beside scene and pairs
-  const Scene& scene;        // with the lenses to start from
-  const ViewGraph& matches;
-  const CalibrationPrior& lenses;
-  const MapperOptions& options;
-  const Context& context;
-};
+using Run = MapperRunInput;
 
 // The results of the stages for the whole scene.
 struct Measured {
+  const PositionStep& estimate_positions;
   const VerifiedPairs& pairs;
   const FramePairIndex& index;
   const GravityPriors& gravity;
@@ -86,7 +78,7 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
       observer(JoinEstimates(scene, rotations, positions, {}));
     };
   }
-  PositionResult positions = run.estimate_positions(
+  PositionResult positions = measured.estimate_positions(
       input, {run.options.translation_averaging, run.options.pair_filtering},
       run.context);
   stage.Finish(&model->times);
@@ -168,8 +160,8 @@ std::vector<MapperModel> MapComponents(const Run& run, const Measured& measured,
   return models;
 }
 
-void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
-                      MapperResult* result) {
+void MapVerifiedPairs(const PositionStep& estimate_positions, const Run& run,
+                      VerifiedPairs* pairs, MapperResult* result) {
   const FramePairIndex index(run.scene, pairs->view_graph,
                              run.options.pair_filtering.is_sequence);
   EstimatedRotations rotations =
@@ -183,6 +175,7 @@ void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
   }
   SharedCalibration calibration(run.scene, run.lenses);
   const Measured measured{
+      estimate_positions,
       *pairs,
       index,
       rotations.gravity_rejection ? kNoGravity : run.input.gravity_priors,
@@ -192,8 +185,10 @@ void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
   result->models = MapComponents(run, measured, rotations.estimate);
   result->rejected_pairs =
       CountRejections(rotations.verdicts, pairs->num_of_fixed_regions);
-  KeepLargeModels(run.scene, rotations, motion.frame_is_ambiguous, run.options,
-                  result);
+  const Mask is_in_small_model =
+      KeepLargeModels(run.scene, run.options, &result->models);
+  ListUnregistered(run.scene, rotations, motion.frame_is_ambiguous,
+                   is_in_small_model, run.options, result);
   result->rotation = std::move(rotations.summary);
   result->gravity_rejection = std::move(rotations.gravity_rejection);
 }
@@ -202,7 +197,7 @@ void MapVerifiedPairs(const Run& run, VerifiedPairs* pairs,
 
 // Calibrates lenses without the checks of the input, which wrong lenses
 // mislead.
-MapperResult MapScene(const Run& run) {
+MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
   MapperResult result;
   VerifiedPairs pairs =
       VerifyAllPairs(run.scene, run.matches, run.options, run.context, &result);
@@ -211,7 +206,7 @@ MapperResult MapScene(const Run& run) {
   if (run.input.existing_model) {
     ExtendModel(pairs, run.input, run.options, run.context, &result);
   } else {
-    MapVerifiedPairs(run, &pairs, &result);
+    map_pairs(run, &pairs, &result);
   }
   if (!is_checked) return result;
   const RunningStage stage("input check", run.context);
@@ -231,14 +226,23 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
                            const MapperInput& input,
                            const MapperOptions& options,
                            const Context& context) {
+  return RunMapperBy(
+      [&](const Run& run, VerifiedPairs* pairs, MapperResult* result) {
+        MapVerifiedPairs(estimate_positions, run, pairs, result);
+      },
+      input, options, context);
+}
+
+MapperResult RunMapperBy(const PairStep& map_pairs, const MapperInput& input,
+                         const MapperOptions& options, const Context& context) {
   (void)ParseMetricScale(options.metric_scale, input.scene);  // may throw
   const MapperInput no_priors;
   const SceneMapper map = [&](const Scene& scene, const ViewGraph& matches,
                               const CalibrationPrior& lenses,
                               const MapperOptions& of_round,
                               const Context& context_of_round) {
-    return MapScene({estimate_positions,
-                     of_round.is_for_lenses ? no_priors : input, scene, matches,
+    return MapScene(map_pairs,
+                    {of_round.is_for_lenses ? no_priors : input, scene, matches,
                      lenses, of_round, context_of_round});
   };
   MapperResult result = MapWithLenses(input, map, options, context);

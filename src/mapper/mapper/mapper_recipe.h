@@ -3,11 +3,33 @@
 
 #include <functional>
 
+#include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
 #include "translation_averaging/position_estimation.h"
 
 namespace mgsfm {
+
+// The inputs of a run. Runs with a subset of the pairs calibrate lenses.
+struct MapperRunInput {
+  const MapperInput& input;  // beside scene and pairs
+  const Scene& scene;        // with the lenses to start from
+  const ViewGraph& matches;
+  const CalibrationPrior& lenses;
+  const MapperOptions& options;
+  const Context& context;
+};
+
+// Maps the verified pairs of a scene.
+using PairStep = std::function<void(
+    const MapperRunInput& run, VerifiedPairs* pairs, MapperResult* result)>;
+
+// RunMapper() with another step. Lenses, verification, the extension of an
+// existing model and the checks of the input are shared.
+[[nodiscard]] MapperResult RunMapperBy(const PairStep& map_pairs,
+                                       const MapperInput& input,
+                                       const MapperOptions& options,
+                                       const Context& context);
 
 // The step from rotations to positions and points; EstimatePositions() in the
 // mapper.
@@ -15,7 +37,7 @@ using PositionStep = std::function<PositionResult(
     const PositionInput& input, const PositionOptions& options,
     const Context& context)>;
 
-// RunMapper() with another step, for comparisons with other methods.
+// RunMapper() with another such step, for comparisons with other methods.
 [[nodiscard]] MapperResult RunMapperWith(const PositionStep& estimate_positions,
                                          const MapperInput& input,
                                          const MapperOptions& options,

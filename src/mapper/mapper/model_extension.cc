@@ -49,25 +49,10 @@ Reconstruction AtKnownPoses(const Scene& scene, Reconstruction model) {
   return model;
 }
 
-std::string ReasonForRejection(const ResectedFrame& frame,
-                               const ResectionOptions& options) {
-  if (frame.num_images == 0) {
-    return "the poses of its cameras in the rig are unknown, because none of "
-           "their images sees enough points of the model";
-  }
-  const std::string num_keypoints = std::to_string(frame.num_keypoints);
-  if (frame.num_keypoints < options.abs_pose_min_num_inliers) {
-    return "only " + num_keypoints +
-           " of its keypoints match points of the model";
-  }
-  return "only " + std::to_string(frame.num_inliers) + " of its " +
-         num_keypoints + " matched keypoints agree on its pose";
-}
-
-void ListUnregistered(const Scene& scene,
-                      const std::vector<ResectedFrame>& rejected,
-                      const MapperOptions& options, const Context& context,
-                      const MapperModel& model, MapperResult* result) {
+void ListFramesNotAdded(const Scene& scene,
+                        const std::vector<ResectedFrame>& rejected,
+                        const MapperOptions& options, const Context& context,
+                        const MapperModel& model, MapperResult* result) {
   std::vector<std::string> reasons(scene.frames.size());
   for (const ResectedFrame& frame : rejected) {
     reasons[frame.frame_idx] =
@@ -113,8 +98,23 @@ void CheckExtensionOptions(const MapperOptions& options,
   }
 }
 
-// Describes for each sensor where its pose comes from, in the summaries of the
-// report.
+}  // namespace
+
+std::string ReasonForRejection(const ResectedFrame& frame,
+                               const ResectionOptions& options) {
+  if (frame.num_images == 0) {
+    return "the poses of its cameras in the rig are unknown, because none of "
+           "their images sees enough points of the model";
+  }
+  const std::string num_keypoints = std::to_string(frame.num_keypoints);
+  if (frame.num_keypoints < options.abs_pose_min_num_inliers) {
+    return "only " + num_keypoints +
+           " of its keypoints match points of the model";
+  }
+  return "only " + std::to_string(frame.num_inliers) + " of its " +
+         num_keypoints + " matched keypoints agree on its pose";
+}
+
 void DescribeSensors(const Scene& scene, const Reconstruction& start,
                      const std::vector<PlacedSensor>& placed,
                      MapperModel* model, MapperResult* result) {
@@ -145,8 +145,6 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
     model->translation.sensors.push_back(std::move(translation));
   }
 }
-
-}  // namespace
 
 void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
                  const MapperOptions& options, const Context& context,
@@ -187,7 +185,7 @@ void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
   AdjustModel(input, options, context, std::move(extended.model), &model);
   DescribeSensors(scene, start, model.extension->placed_sensors, &model,
                   result);
-  ListUnregistered(scene, extended.rejected, options, context, model, result);
+  ListFramesNotAdded(scene, extended.rejected, options, context, model, result);
   WarnOfSensors(scene, model.reconstruction, context);
   if (!model.reconstruction.points.empty()) {
     result->models.push_back(std::move(model));

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <string>
+#include <vector>
+
 #include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
@@ -15,5 +18,15 @@ namespace mgsfm {
 void ExtendModel(const VerifiedPairs& pairs, const MapperInput& input,
                  const MapperOptions& options, const Context& context,
                  MapperResult* result);
+
+// Why a frame could not be registered.
+[[nodiscard]] std::string ReasonForRejection(const ResectedFrame& frame,
+                                             const ResectionOptions& options);
+
+// Describes for each sensor where its pose comes from, in the summaries of the
+// report. `start` has the poses of sensors from earlier models.
+void DescribeSensors(const Scene& scene, const Reconstruction& start,
+                     const std::vector<PlacedSensor>& placed,
+                     MapperModel* model, MapperResult* result);
 
 }  // namespace mgsfm
