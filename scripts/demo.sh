@@ -8,6 +8,8 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scripts/setup.sh
+# Several files as one compile faster; an existing build keeps its settings.
+[ -e build/release ] || cmake --preset release -DMGSFM_UNITY_BUILD=ON >/dev/null
 scripts/build.sh release --target mgsfm_app
 
 mgsfm=build/release/apps/mgsfm/mgsfm

@@ -3,7 +3,9 @@
 # Runs tests under the address and undefined-behavior sanitizers.
 #   scripts/sanitizers.sh          the tests of all modules
 #   scripts/sanitizers.sh --short  those of code that reads and writes files, and
-#                                  of the geometry below it: the part of .ci/run
+#                                  of the geometry below it: the part of .ci/run.
+#                                  Without the core and the add-ons, which take
+#                                  most of the time to compile
 # Further arguments are those of ctest.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -14,13 +16,12 @@ if [ "${1:-}" != --short ]; then
 fi
 shift
 
-# mgsfm_NAME_test of tests/foundation (but math), io, frontend/features,
-# frontend/matching, addons/exchange and fuzz.
+# mgsfm_NAME_test of tests/foundation (but math), io, frontend/features and fuzz.
 tests=(base geometry scene
-  calibration database database_merging exchange frames_by_time
-  image_timestamps import model_io point_colors pose_priors rig_config
-  rig_configuration scene_loading staged_output trajectory_io
-  feature_extraction feature_import image_tags sift matching fuzz_corpus)
+  calibration database database_merging frames_by_time image_timestamps
+  model_io point_colors pose_priors rig_config rig_configuration
+  scene_loading staged_output trajectory_io
+  feature_extraction feature_import image_tags sift fuzz_corpus)
 targets=("${tests[@]/#/mgsfm_}")
 targets=("${targets[@]/%/_test}")
 scripts/build.sh asan-ubsan --target "${targets[@]}"

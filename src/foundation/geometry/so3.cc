@@ -54,10 +54,22 @@ Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q) {
   return std::abs(q.squaredNorm() - 1.0) <= 1e-14 ? q : q.normalized();
 }
 
-// In this file only, because Eigen's function takes seconds to compile.
 Eigen::Quaterniond RotationBetween(const Eigen::Vector3d& from,
                                    const Eigen::Vector3d& to) {
-  return Eigen::Quaterniond::FromTwoVectors(from, to);
+  const Eigen::Vector3d a = from.normalized(), b = to.normalized();
+  const double c = b.dot(a);
+  Eigen::Quaterniond q;
+  if (c < -1.0 + kSmallAngle * kSmallAngle) {
+    // Of nearly opposite directions, rounding spoils c: half a turn about
+    // any normal, and the small rest.
+    q.w() = 0.0;
+    q.vec() = a.unitOrthogonal();
+    return RotationBetween(-a, b) * q;
+  }
+  const double twice_w = std::sqrt(2.0 * (1.0 + c));
+  q.w() = 0.5 * twice_w;
+  q.vec() = a.cross(b) * (1.0 / twice_w);
+  return q;
 }
 
 double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {

@@ -118,6 +118,19 @@ TEST(SO3, AngleBetweenVectors) {
   }
 }
 
+TEST(SO3, RotationBetweenIsTheSmallestThatTurnsOneToTheOther) {
+  Random random(6);
+  for (const double angle : Angles()) {
+    const Vector3d a = RandomDirection(&random);
+    const Vector3d b =
+        Quaterniond(Eigen::AngleAxisd(angle, a.unitOrthogonal())) * a;
+    const Quaterniond q = RotationBetween(2.0 * a, 0.1 * b);
+    EXPECT_NEAR(q.norm(), 1.0, 1e-7);
+    EXPECT_LT((q * a - b).norm(), 1e-7);
+    EXPECT_NEAR(AngleBetween(q, Quaterniond::Identity()), angle, 1e-7);
+  }
+}
+
 TEST(SO3, DegreesAndRadians) {
   EXPECT_DOUBLE_EQ(DegToRad(180.0), kPi);
   EXPECT_DOUBLE_EQ(RadToDeg(DegToRad(37.0)), 37.0);
