@@ -15,7 +15,8 @@
 namespace mgsfm {
 
 // The largest coupling of a block to a point: kMaxNumCameraParams x 3.
-constexpr int kCouplingSize = 3 * kMaxNumCameraParams;
+constexpr int kCouplingSize =
+    Eigen::Vector3d::SizeAtCompileTime * kMaxNumCameraParams;
 
 // Marks pairs of blocks that are not in the pattern; a dense int for the
 // kernels.
@@ -84,7 +85,8 @@ struct SchurWorkspace {
   std::vector<ProductTerms> product_terms;
 };
 
-constexpr int kMaxNumImageColumns = 6 + kMaxNumCameraParams;
+constexpr int kMaxNumImageColumns =
+    PoseVector::SizeAtCompileTime + kMaxNumCameraParams;
 
 // Adds the products of images to the local system. The adjoint of
 // sensor_from_rig maps image columns to frame columns.
