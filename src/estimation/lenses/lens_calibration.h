@@ -73,11 +73,13 @@ struct LensResult {
 // A wrong lens not only biases a model: the view graph also rejects matches
 // that contradict it. The stages from the view graph to bundle adjustment are
 // therefore repeated with the refined lenses, on few frames that share many
-// matches, until no lens changes by more than the view graph tolerates
-// (LensChangePx() <= 1.5 ViewGraph.max_error_px), at most
-// FocalLengths.max_num_rounds times. The first round has 12 frames, later
-// rounds have 24. If they do not determine all focal lengths to
-// BundleAdjustment.max_focal_length_sigma, the next round has twice as many.
+// matches, until the next round would change no lens by more than the view
+// graph tolerates (LensChangePx() <= 3 ViewGraph.max_error_px), at most
+// FocalLengths.max_num_rounds times. The next change is taken as a quarter of
+// the last one if all focal lengths are certain to
+// BundleAdjustment.max_focal_length_sigma with errors of the lens model. The
+// first round has 24 frames. If the frames do not determine all focal lengths,
+// the next round has twice as many.
 //
 // Unless its model was chosen, a camera has RADIAL with an unknown principal
 // point. All unknowns have normal priors, so undetermined ones stay near the

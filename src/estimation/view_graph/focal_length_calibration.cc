@@ -27,6 +27,8 @@ using internal::LensOffset;
 // A single pair has one equation for a focal length, and no other pair checks
 // its errors.
 constexpr int kMinNumPairs = 3;
+// Six times the 5 degrees of freedom of an essential matrix.
+constexpr size_t kMinNumMatches = 30;
 // Grid of the initial search: 15 factors in geometric progression from 0.4 to
 // 2.5, each 1.14 times the previous one. Gauss-Newton corrects a remaining
 // error of 7 %.
@@ -144,8 +146,8 @@ std::vector<FocalPair> SelectPairs(const Scene& scene,
   std::vector<std::vector<size_t>> candidates(unknowns.size());
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
-    // Six times the 5 degrees of freedom of an essential matrix.
-    if (pair.matches.size() < 30 || pair.config == TwoViewConfig::kDegenerate ||
+    if (pair.matches.size() < kMinNumMatches ||
+        pair.config == TwoViewConfig::kDegenerate ||
         pair.config == TwoViewConfig::kWatermark) {
       continue;
     }
@@ -196,7 +198,8 @@ std::vector<size_t> SelectSearchPairs(const std::vector<FocalPair>& pairs,
     const std::optional<int> b = unknowns.of_camera[pairs[k].camera_idx2()];
     if ((a == c || b == c) && (!a || !b || a == b)) selected.push_back(k);
   }
-  // The search only has to find the basin of the minimum.
+  // The search only has to find the basin of the minimum, so it also uses the
+  // fewest matches that a pair may have.
   const size_t size = std::min(selected.size(), size_t{40});
   for (size_t i = 0; i < size; ++i) {
     selected[i] = selected[i * selected.size() / size];
@@ -223,6 +226,7 @@ LensOffset SearchLens(const std::vector<FocalPair>& pairs,
   std::vector<std::array<double, kSize>> costs(selected.size());
   ParallelFor(selected.size(), num_threads, [&](size_t k) {
     FocalPair pair = pairs[selected[k]];
+    pair.KeepMatches(kMinNumMatches);
     const bool is_first = unknowns.of_camera[pair.camera_idx1()] == c;
     const bool is_second = unknowns.of_camera[pair.camera_idx2()] == c;
     for (size_t d = 0; d < (is_distorted ? kDistortions.size() : 1); ++d) {

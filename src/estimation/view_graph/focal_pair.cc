@@ -107,6 +107,16 @@ FocalPair::FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
   }
 }
 
+void FocalPair::KeepMatches(size_t size) {
+  size = std::min(size, pixels1_.size());
+  for (std::vector<Vector2d>* pixels : {&pixels1_, &pixels2_}) {
+    for (size_t i = 0; i < size; ++i) {
+      (*pixels)[i] = (*pixels)[i * pixels->size() / size];
+    }
+    pixels->resize(size);
+  }
+}
+
 FocalPair::Patches FocalPair::MakePatches(const Camera& camera,
                                           const std::vector<Vector2d>& pixels) {
   Patches patches(pixels.size());
@@ -204,9 +214,9 @@ bool FocalPair::Initialize(Random* random) {
   // wrong.
   ransac.max_error_rad =
       4.0 / PixelsPerRadian(camera.model, camera.params.data());
-  // A sample of five inliers at an inlier ratio of 0.4 is found with
-  // probability 1 - (1 - 0.4^5)^500 = 0.994.
-  ransac.max_num_trials = 500;
+  // A sample of five inliers at an inlier ratio of 0.5 is found with
+  // probability 1 - (1 - 0.5^5)^200 = 0.998.
+  ransac.max_num_trials = 200;
   const auto pose = EstimateRelativePose(matches, ransac, random);
   if (pose) consider(*pose);
   return pose.has_value();

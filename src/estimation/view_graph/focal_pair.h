@@ -54,6 +54,8 @@ class FocalPair {
   int image_idx1() const { return pair_->image_idx1; }
   int image_idx2() const { return pair_->image_idx2; }
 
+  // Drops all but `size` matches, at equal spacing. SetRays() must follow.
+  void KeepMatches(size_t size);
   void SetRays(const LensOffset& lens1, const LensOffset& lens2);
   // Initializes the pose from the geometry of the view graph or by RANSAC.
   // Returns false if both fail.

@@ -112,7 +112,6 @@ void JudgeFocalLengths(const AdjustmentInput& input,
   model->focal_lengths =
       CheckFocalLengths(input.scene, model->reconstruction,
                         options.bundle_adjustment, context, used_priors);
-  if (options.is_for_lenses) return;
   AddLensErrors(input.scene, model->reconstruction, options.bundle_adjustment,
                 context, used_priors, &model->focal_lengths);
 }

@@ -14,7 +14,7 @@ namespace {
 
 // Lenses need only be accurate to the tolerance of the view graph.
 constexpr int kNumBundleRounds = 2;
-constexpr double kFunctionTolerance = 1e-4;
+constexpr double kFunctionTolerance = 1e-5;
 
 MapperOptions OptionsOfRounds(MapperOptions options) {
   options.is_for_lenses = true;

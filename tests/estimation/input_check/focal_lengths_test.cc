@@ -45,7 +45,7 @@ TEST(TrustedFocalLengthsTest, WrongOnesAreNamedWithTheirCamera) {
     EXPECT_THAT(findings[0].cameras, ElementsAre("cam0"));
     EXPECT_NEAR(findings[0].evidence[1].second * factor /
                     findings[0].evidence[0].second,
-                1.0, 0.05);
+                1.0, 0.01);
   }
 }
 
