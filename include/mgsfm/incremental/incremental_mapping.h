@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/registration/model_extension.h"
 #include "mgsfm/scene/estimates.h"
@@ -94,6 +95,12 @@ struct IncrementalSummary {
   std::vector<PlacedSensor> placed_sensors;
   int num_adjustments = 0;  // of everything
   int num_loop_closures = 0;
+
+  auto Fields() const {
+    return Named("tracks", tracks, "placed_sensors", placed_sensors,
+                 "num_adjustments", num_adjustments, "num_loop_closures",
+                 num_loop_closures);
+  }
 };
 
 struct IncrementalResult {
