@@ -66,7 +66,8 @@ namespace mgsfm {
 // and other frames observe their points, the model has drifted. The rigid
 // motion between both poses moves the frames of one side, a pose graph spreads
 // it (georegistration/pose_graph_deformation.h), and everything is adjusted.
-// The model before it is kept unless it then has more observations.
+// The model before it is kept unless the frame then agrees with at least half
+// of the points of the second pose, and no observations are lost.
 //
 // Stops when no frame registers after an adjustment of everything. The
 // remaining frames then start further models, with the sensors of the earlier
