@@ -25,7 +25,7 @@ estimation/moving_objects: base math geometry scene pair_filtering view_graph tr
 estimation/seams: base math geometry scene pair_filtering
 estimation/bundle_adjustment: base math geometry scene rig_solver
 estimation/registration: base math geometry scene bundle_adjustment
-estimation/incremental: base math geometry scene tracks georegistration bundle_adjustment registration
+estimation/incremental: base math geometry scene pair_filtering tracks georegistration bundle_adjustment registration
 estimation/lenses: base math geometry scene view_graph bundle_adjustment
 estimation/soft_rig: base math geometry scene rig_solver bundle_adjustment
 estimation/input_check: base math geometry scene view_graph rotation_averaging tracks bundle_adjustment soft_rig

@@ -195,6 +195,22 @@ def global_mapping(database_path: PathLike, image_path: Optional[PathLike],
     return read_models(output_path)
 
 
+def incremental_mapping(database_path: PathLike,
+                        image_path: Optional[PathLike],
+                        output_path: PathLike, options: OptionsLike = None, *,
+                        log: Optional[Log] = None,
+                        progress: Optional[Progress] = None
+                        ) -> Dict[int, Reconstruction]:
+    """Reconstructs models that grow frame by frame, as global_mapping does.
+
+    It sets the option method to incremental.
+    """
+    run("mapper", options, log=log, progress=progress,
+        database_path=database_path, image_path=image_path,
+        output_path=output_path, method="incremental")
+    return read_models(output_path)
+
+
 def extend(database_path: PathLike, image_path: Optional[PathLike],
            input_path: PathLike, output_path: PathLike,
            options: OptionsLike = None, *, log: Optional[Log] = None,

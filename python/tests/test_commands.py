@@ -48,6 +48,14 @@ class TestSameBytesAsTheProgram:
         assert (options_in(tmp_path / "report.json")
                 == options_in(sparse / "report.json"))
 
+    def test_incremental_mapping(self, drive, tmp_path):
+        database = drive / "database.db"
+        models = pymgsfm.incremental_mapping(database, None, tmp_path / "python")
+        run_program("mapper", "--database_path", database, "--method",
+                    "incremental", "--output_path", tmp_path / "program")
+        assert len(models) == 1
+        assert read_files(tmp_path / "program") == read_files(tmp_path / "python")
+
     def test_demo(self, tmp_path):
         database = DATA / "demo" / "database.db"
         models = pymgsfm.global_mapping(database, None, tmp_path / "python")

@@ -72,7 +72,8 @@ INSTANTIATE_TEST_SUITE_P(
     All, MethodsTest,
     testing::Combine(
         testing::Values(MapperMethod::kMgsfm, MapperMethod::kDmraMgp,
-                        MapperMethod::kMma, MapperMethod::kSingle),
+                        MapperMethod::kMma, MapperMethod::kIncremental,
+                        MapperMethod::kSingle),
         testing::Values(RigPreset::kStereo, RigPreset::kKitti360)));
 
 TEST(SeparateImagesTest, EveryImageIsAFrame) {

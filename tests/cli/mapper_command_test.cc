@@ -71,6 +71,20 @@ TEST_F(MapperCommand, ModelOfASmallDriveAgreesWithTheTruth) {
   }
 }
 
+TEST_F(MapperCommand, IncrementalModelAgreesWithTheTruth) {
+  const CommandOutput output = Map("--method incremental");
+  ASSERT_EQ(output.exit_code, 0) << output.err;
+  const Json errors = Evaluate(Out() + "/0", In() + "/truth");
+  EXPECT_EQ(errors["num_registered"], 48);
+  EXPECT_LT(errors["position_m"]["max"], 0.05);
+  EXPECT_LT(errors["rotation_deg"]["max"], 0.1);
+  const Json report = Report();
+  EXPECT_FALSE(report.contains("rotation_averaging"));
+  const Json& placed = report["incremental"]["placed_sensors"];
+  ASSERT_EQ(placed.size(), 3u);
+  for (const Json& sensor : placed) EXPECT_GE(sensor["num_frames"], 1);
+}
+
 TEST_F(MapperCommand, ReportSaysWhatWasDoneAndHowWell) {
   ASSERT_EQ(Map("--random_seed 3").exit_code, 0);
   const Json report = Report();

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/fields.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/registration/model_extension.h"
 #include "mgsfm/scene/estimates.h"
@@ -65,7 +66,8 @@ namespace mgsfm {
 // and other frames observe their points, the model has drifted. The rigid
 // motion between both poses moves the frames of one side, a pose graph spreads
 // it (georegistration/pose_graph_deformation.h), and everything is adjusted.
-// The model before it is kept unless it then has more observations.
+// The model before it is kept unless the frame then agrees with at least half
+// of the points of the second pose, and no observations are lost.
 //
 // Stops when no frame registers after an adjustment of everything. The
 // remaining frames then start further models, with the sensors of the earlier
@@ -94,6 +96,12 @@ struct IncrementalSummary {
   std::vector<PlacedSensor> placed_sensors;
   int num_adjustments = 0;  // of everything
   int num_loop_closures = 0;
+
+  auto Fields() const {
+    return Named("tracks", tracks, "placed_sensors", placed_sensors,
+                 "num_adjustments", num_adjustments, "num_loop_closures",
+                 num_loop_closures);
+  }
 };
 
 struct IncrementalResult {

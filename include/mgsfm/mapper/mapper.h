@@ -14,6 +14,7 @@
 #include "mgsfm/base/timer.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
+#include "mgsfm/incremental/incremental_mapping.h"
 #include "mgsfm/input_check/finding.h"
 #include "mgsfm/input_check/kept_matches.h"
 #include "mgsfm/lenses/lenses.h"
@@ -184,6 +185,7 @@ struct MapperResult {
   std::vector<RejectionCount> rejected_pairs;
   std::vector<FixedRegion> fixed_regions;  // of sensors that have any
   RotationSummary rotation;
+  std::optional<IncrementalSummary> incremental;  // of an incremental mapper
   // Why measured gravity was not used; nullopt if it was used or is not
   // available.
   std::optional<std::string> gravity_rejection;

@@ -55,6 +55,11 @@ struct ResectedFrame {
 struct PlacedSensor {
   int sensor_idx = 0;
   int num_frames = 0;  // frames that contributed a relative pose
+
+  auto Fields() const {
+    return Named("sensor", As<Item::kSensorName>(sensor_idx), "num_frames",
+                 num_frames);
+  }
 };
 
 struct ResectionResult {

@@ -246,6 +246,8 @@ void GrowingModel::UpdateFilter() {
                               sigma_px > 0.0 ? MaxErrorPx(options, sigma_px, 1)
                                              : 2.0 * options.max_max_error_px,
                               input_.context);
+  // More frames will observe most points.
+  filter_.min_two_view_angle_rad = filter_.min_angle_rad;
   if (model.points.empty()) return;
   loss_scale_px_ = LossScalePx(options, sigma_px);
   median_distance_ =
@@ -332,6 +334,26 @@ void GrowingModel::AdjustAll() {
   SetPoses(adjusted);
   UpdateFilter();
   TriangulateAll();
+}
+
+void GrowingModel::DropFramesWithFewPoints() {
+  std::vector<int> num_of_frame(model_.rig_from_world.size(), 0);
+  for (const Point3D& point : points_) {
+    for (const Observation& o : point.track) {
+      ++num_of_frame[input_.scene.images[o.image_idx].frame_idx];
+    }
+  }
+  for (size_t i = 0; i < num_of_frame.size(); ++i) {
+    const int frame_idx = static_cast<int>(i);
+    if (!HasFrame(frame_idx) ||
+        num_of_frame[i] >=
+            input_.options.bundle_adjustment.min_num_observations_per_frame) {
+      continue;
+    }
+    const std::vector<int> track_idxs = TracksOf({frame_idx});
+    SetFrame(frame_idx, std::nullopt);
+    TriangulateTracks(track_idxs);
+  }
 }
 
 Reconstruction GrowingModel::WithPoints() const {

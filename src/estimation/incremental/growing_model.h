@@ -77,6 +77,8 @@ class GrowingModel {
   void AdjustAround(int frame_idx);
   // Adjusts everything, and triangulates all tracks.
   void AdjustAll();
+  // Removes frames with fewer observations than bundle adjustment calls weak.
+  void DropFramesWithFewPoints();
   // Replaces all poses, and triangulates all tracks.
   void MoveTo(const Reconstruction& moved);
 

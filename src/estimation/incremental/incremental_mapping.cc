@@ -13,6 +13,8 @@
 #include "incremental/sensor_placement.h"
 #include "incremental/start.h"
 #include "mgsfm/base/mask.h"
+#include "pair_filtering/triplet_consistency.h"
+#include "scene/track_coverage.h"
 
 namespace mgsfm {
 namespace {
@@ -27,6 +29,9 @@ constexpr double kGrowthFactor = 1.25;
 constexpr double kMinVisibleShare = 0.8;
 // A frame that failed is tried again when it sees this much more.
 constexpr double kRetryFactor = 1.2;
+// A frame that adjustments leave without points is registered again, but not
+// forever.
+constexpr int kMaxNumRegistrations = 3;
 
 // The growth of one model.
 class Growth {
@@ -40,11 +45,7 @@ class Growth {
         model_(*model),
         result_(*result),
         placement_(input),
-        attempts_(input.scene.frames.size()) {
-    for (size_t i = 0; i < attempts_.size(); ++i) {
-      attempts_[i].frame_idx = static_cast<int>(i);
-    }
-  }
+        attempts_(input.scene.frames.size()) {}
 
   void Run() {
     do {
@@ -52,9 +53,33 @@ class Growth {
     } while (GrowUntilStuck());
   }
 
-  const std::vector<ResectedFrame>& attempts() const { return attempts_; }
+  // What the frames that the model lacks see of it.
+  std::vector<ResectedFrame> ListRejected() const {
+    std::vector<ResectedFrame> rejected;
+    for (size_t i = 0; i < attempts_.size(); ++i) {
+      const int frame_idx = static_cast<int>(i);
+      if (frame_is_taken_[i] || model_.HasFrame(frame_idx)) continue;
+      ResectedFrame frame;
+      frame.frame_idx = frame_idx;
+      for (const int image_idx : input_.scene.frames[i].image_idxs) {
+        frame.num_images +=
+            model_.HasSensor(input_.scene.images[image_idx].sensor_idx);
+      }
+      frame.num_keypoints = model_.NumVisibleInFrame(frame_idx);
+      frame.num_inliers = attempts_[i].num_inliers;
+      rejected.push_back(frame);
+    }
+    return rejected;
+  }
 
  private:
+  // The attempts to register a frame.
+  struct Attempts {
+    int num_visible = 0;  // in the last one since everything was adjusted
+    int num_inliers = 0;  // of the last one
+    int num_registrations = 0;
+  };
+
   // Returns whether anything was added.
   bool GrowUntilStuck() {
     bool has_grown = PlaceSensors(false);
@@ -77,10 +102,12 @@ class Growth {
   void AdjustEverything() {
     input_.context.CheckInterrupted();
     model_.AdjustAll();
+    model_.DropFramesWithFewPoints();
     placement_.Restart();
     ++result_.summary.num_adjustments;
     num_adjusted_frames_ = model_.num_frames();
-    for (ResectedFrame& attempt : attempts_) attempt.num_keypoints = 0;
+    may_close_loop_ = true;
+    for (Attempts& attempts : attempts_) attempts.num_visible = 0;
     if (observer_) observer_(model_.WithPoints());
   }
 
@@ -97,7 +124,8 @@ class Growth {
 
   bool CanTry(int frame_idx, int num_visible) const {
     return num_visible >= input_.options.resection.abs_pose_min_num_inliers &&
-           num_visible >= kRetryFactor * attempts_[frame_idx].num_keypoints;
+           num_visible >= kRetryFactor * attempts_[frame_idx].num_visible &&
+           attempts_[frame_idx].num_registrations < kMaxNumRegistrations;
   }
 
   std::optional<int> NextFrame() const {
@@ -128,17 +156,21 @@ class Growth {
     input_.context.ReportProgress("incremental mapping", model_.num_frames(),
                                   attempts_.size());
     FrameRegistration found = RegisterFrame(input_, model_, frame_idx);
-    if (found.loop && CloseLoop(input_, frame_idx, found, &model_)) {
-      ++result_.summary.num_loop_closures;
-      input_.context.Info("a loop is closed at frame '" +
-                          input_.scene.frames[frame_idx].name + "'");
+    if (found.loop && may_close_loop_) {
+      // A loop that cannot be closed would show in the next frames, too.
+      may_close_loop_ = CloseLoop(input_, frame_idx, found, &model_);
+      if (may_close_loop_) {
+        ++result_.summary.num_loop_closures;
+        input_.context.Info("a loop is closed at frame '" +
+                            input_.scene.frames[frame_idx].name + "'");
+      }
       found = RegisterFrame(input_, model_, frame_idx);
     }
-    ResectedFrame& attempt = attempts_[frame_idx];
-    attempt.num_images = 1;
-    attempt.num_keypoints = found.num_keypoints;
-    attempt.num_inliers = found.num_inliers;
+    Attempts& attempts = attempts_[frame_idx];
+    attempts.num_visible = found.num_keypoints;
+    attempts.num_inliers = found.num_inliers;
     if (!found.rig_from_world) return false;
+    ++attempts.num_registrations;
     model_.SetFrame(frame_idx, found.rig_from_world);
     model_.Triangulate({frame_idx});
     model_.AdjustAround(frame_idx);
@@ -151,9 +183,52 @@ class Growth {
   GrowingModel& model_;
   IncrementalResult& result_;
   SensorPlacement placement_;
-  std::vector<ResectedFrame> attempts_;  // the last one, per frame
+  std::vector<Attempts> attempts_;  // per frame
   int num_adjusted_frames_ = 0;
+  bool may_close_loop_ = true;
 };
+
+// The longest tracks that cover all images, from triplet-consistent matches.
+// Pairs that no triplet confirms keep all matches: cameras of a rig may be
+// matched within frames only.
+TrackResult EstablishGrowthTracks(const IncrementalInput& input,
+                                  const IncrementalOptions& options,
+                                  const Context& context) {
+  const ViewGraph& view_graph = input.view_graph;
+  MatchSelection selection{Mask(view_graph.pairs.size(), true), {}};
+  selection.match_is_used = FindTripletConsistentMatches(
+      view_graph, selection.pair_is_used, context.num_threads);
+  size_t begin = 0;
+  for (const ImagePair& pair : view_graph.pairs) {
+    const size_t end = begin + pair.matches.size();
+    const Mask& used = selection.match_is_used;
+    if (std::none_of(used.begin() + begin, used.begin() + end,
+                     [](bool is_used) { return is_used; })) {
+      selection.match_is_used.Fill(begin, end, true);
+    }
+    begin = end;
+  }
+  const ObservationGroups candidates = EstablishCandidates(
+      input.scene, view_graph, selection, options.tracks, context);
+  TrackCoverage coverage(candidates, input.scene.images.size());
+  const int max_num = options.tracks.max_tracks_per_image;
+  coverage.Select(2, max_num > 0 ? max_num : kTracksPerImage);
+  TrackResult result;
+  for (size_t t = 0; t < candidates.size(); ++t) {
+    if (!coverage.is_selected()[t]) continue;
+    result.estimate.observations.insert(result.estimate.observations.end(),
+                                        candidates.begin(t), candidates.end(t));
+    result.estimate.FinishGroup();
+  }
+  TrackSummary& summary = result.summary;
+  summary.num_components = candidates.size();
+  summary.num_tracks = result.estimate.size();
+  summary.num_observations = coverage.num_observations();
+  summary.mean_track_length =
+      static_cast<double>(summary.num_observations) /
+      static_cast<double>(std::max<size_t>(summary.num_tracks, 1));
+  return result;
+}
 
 std::vector<std::vector<TrackKeypoint>> KeypointsOf(
     const Scene& scene, const ObservationGroups& tracks) {
@@ -176,6 +251,15 @@ std::vector<std::optional<Rigid3>> KnownSensors(const Scene& scene) {
   return poses;
 }
 
+// A start can place a sensor by the pair of images of one frame.
+void NotePlaced(int sensor_idx, IncrementalSummary* summary) {
+  auto& placed = summary->placed_sensors;
+  const bool is_noted = std::any_of(
+      placed.begin(), placed.end(),
+      [&](const PlacedSensor& s) { return s.sensor_idx == sensor_idx; });
+  if (!is_noted) placed.push_back({sensor_idx, 1});
+}
+
 }  // namespace
 
 IncrementalResult MapIncrementally(
@@ -183,13 +267,7 @@ IncrementalResult MapIncrementally(
     const Context& context,
     const std::function<void(const Reconstruction&)>& observer) {
   IncrementalResult result;
-  TrackOptions track_options = options.tracks;
-  if (track_options.max_tracks_per_image == 0) {
-    track_options.max_tracks_per_image = kTracksPerImage;
-  }
-  const TrackResult tracks = EstablishTracks(
-      input.scene, input.view_graph, Mask(input.view_graph.pairs.size(), true),
-      track_options, context);
+  const TrackResult tracks = EstablishGrowthTracks(input, options, context);
   result.summary.tracks = tracks.summary;
   const GrowthInput growth_input{input, options, context, tracks.estimate,
                                  KeypointsOf(input.scene, tracks.estimate)};
@@ -202,15 +280,19 @@ IncrementalResult MapIncrementally(
     context.Info(Formatted("model %zu: %d frames, %zu points",
                            result.estimate.size(), model->num_frames(),
                            model->num_points()));
-    if (result.rejected.empty()) result.rejected = growth.attempts();
+    if (result.rejected.empty()) result.rejected = growth.ListRejected();
     if (model->num_frames() < options.min_num_frames) continue;
-    sensors = model->poses().sensor_from_rig;
+    for (size_t i = 0; i < sensors.size(); ++i) {
+      const auto& pose = model->poses().sensor_from_rig[i];
+      if (pose && !sensors[i]) NotePlaced(static_cast<int>(i), &result.summary);
+      sensors[i] = pose;
+    }
     result.estimate.push_back(model->WithPoints());
     for (size_t i = 0; i < frame_is_taken.size(); ++i) {
       if (model->HasFrame(static_cast<int>(i))) frame_is_taken[i] = true;
     }
   }
-  std::vector<ResectedFrame>& rejected = result.rejected;
+  auto& rejected = result.rejected;
   rejected.erase(std::remove_if(rejected.begin(), rejected.end(),
                                 [&](const ResectedFrame& frame) {
                                   return frame_is_taken[frame.frame_idx];

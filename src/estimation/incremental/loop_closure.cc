@@ -165,11 +165,11 @@ bool CloseLoop(const GrowthInput& input, int frame_idx,
       input.options.bundle_adjustment.max_max_error_px,
       input.options.match_selection, input.context);
   Reconstruction deformed = model->WithPoints();
-  PositionPriors used;
+  const PositionPriors anchors = AnchorPositions(input, registration, *model);
+  PositionPriors used = anchors;
   const std::optional<ModelDeformation> deformation =
       DeformToPriors({input.scene, input.view_graph, selection.pair_is_used,
-                      AnchorPositions(input, registration, *model),
-                      !ScaleDrifts(input, *model)},
+                      anchors, !ScaleDrifts(input, *model)},
                      input.context, &used, &deformed);
   if (!deformation) return false;
   model->MoveTo(deformed);

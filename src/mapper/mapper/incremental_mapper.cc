@@ -2,6 +2,7 @@
 #include "mapper/incremental_mapper.h"
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "mapper/weak_seams.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/incremental/incremental_mapping.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "registration/frame_addition.h"
 
@@ -51,6 +53,29 @@ std::vector<MapperModel> Finish(const MapperRunInput& run,
       pairs.view_graph.pairs.size());
   return TestSeams(index, no_path, run.options, run.context, std::move(input),
                    std::move(model));
+}
+
+// What the pairs say about a model, in the terms of averaging.
+RotationEstimate RotationsOf(const MapperRunInput& run,
+                             const VerifiedPairs& pairs,
+                             const Reconstruction& model) {
+  const auto rotation_of = [](const std::optional<Rigid3>& pose) {
+    return pose ? std::optional(pose->rotation) : std::nullopt;
+  };
+  RotationEstimate rotations;
+  for (const auto& pose : model.rig_from_world) {
+    rotations.rig_from_world.push_back(rotation_of(pose));
+  }
+  for (const auto& pose : model.sensor_from_rig) {
+    rotations.sensor_from_rig.push_back(rotation_of(pose));
+  }
+  const Mask all_pairs(pairs.view_graph.pairs.size(), true);
+  rotations.pair_is_inlier =
+      SelectConsistentMatches({run.scene, pairs.view_graph, all_pairs, model},
+                              run.options.bundle_adjustment.max_max_error_px,
+                              run.options.match_selection, run.context)
+          .pair_is_used;
+  return rotations;
 }
 
 void ListReasons(const MapperRunInput& run, const IncrementalResult& grown,
@@ -96,12 +121,17 @@ void MapByGrowth(const MapperRunInput& run, VerifiedPairs* pairs,
                     result);
     model.num_frames_in_component =
         static_cast<int>(FramesWith(initial.rig_from_world).Count());
+    model.rejected_groups = FindRejectedGroups(
+        *pairs, index, RotationsOf(run, *pairs, initial),
+        Mask(pairs->view_graph.pairs.size()),
+        PairVerdicts(pairs->view_graph.pairs.size()), run.context);
     for (MapperModel& finished : Finish(run, *pairs, index, &calibration,
                                         std::move(model), std::move(initial))) {
       if (!IsLargeEnough(finished, run.options)) continue;
       result->models.push_back(std::move(finished));
     }
   }
+  result->incremental = std::move(grown.summary);
   ListReasons(run, grown, KeepLargeModels(scene, run.options, &result->models),
               result);
 }

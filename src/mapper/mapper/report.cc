@@ -231,7 +231,9 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                  {"options", Json::parse(run.options_json)},
                  {"random_seed", run.random_seed},
                  {"view_graph", fields.ToJson(result.view_graph)}};
-  if (run.input_path.empty()) {
+  if (result.incremental) {
+    report["incremental"] = fields.ToJson(*result.incremental);
+  } else if (run.input_path.empty()) {
     report["rotation_averaging"] = ToJson(fields, result.rotation);
     report["rejected_pairs"] = ToJson(result.rejected_pairs);
   }
