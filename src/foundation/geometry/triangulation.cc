@@ -28,7 +28,7 @@ Vector3d Mean(const std::vector<Vector3d>& vectors) {
 }
 
 // Normal equations of sum_k w_k |ray_k x (p - center_k)|^2.
-struct NormalEquations {
+struct PointEquations {
   Matrix3d lhs = Matrix3d::Zero();
   Vector3d rhs = Vector3d::Zero();
   double sum_weights = 0.0;
@@ -142,7 +142,7 @@ double RobustTriangulator::Score(const Vector3d& point) const {
 }
 
 void RobustTriangulator::Refine() {
-  NormalEquations equations;
+  PointEquations equations;
   for (size_t k = 0; k < rays_.size(); ++k) {
     if (SquaredChord(centers_[k], rays_[k], best_point_) >= max_chord2_) {
       continue;
@@ -189,7 +189,7 @@ std::vector<Vector3d> Shifted(const std::vector<Vector3d>& centers,
 
 std::optional<Vector3d> SolveLeastSquares(const std::vector<Vector3d>& centers,
                                           const std::vector<Vector3d>& rays) {
-  NormalEquations equations;
+  PointEquations equations;
   for (size_t k = 0; k < rays.size(); ++k) {
     equations.Add(1.0, centers[k], rays[k]);
   }
@@ -235,7 +235,7 @@ std::optional<Vector3d> TriangulateL1(const std::vector<Vector3d>& centers,
   auto point = SolveLeastSquares(local, rays);
   double smoothing = 1e-2;
   for (int i = 0; point && i < 50; ++i) {
-    NormalEquations equations;
+    PointEquations equations;
     for (size_t k = 0; k < rays.size(); ++k) {
       const Vector3d to_point = *point - local[k];
       const double distance = to_point.norm();
