@@ -282,10 +282,6 @@ int RunModelConverter(const ModelConverterOptions& options,
   const ExchangeFormat* format =
       model_format ? nullptr : &FindFormat(options.output_type);
   std::optional<StagedOutput> output;
-  if (!FindTrajectoryFormat(options.input_type) &&
-      !FindTrajectoryFormat(options.output_type)) {
-    CheckIsUnused(options.image_timestamps_path, "trajectories");
-  }
   if (model_format) output.emplace(*options.output_path, OutputKind::kModel);
   ModelFile input = ReadInput(options, context);
   if (!options.origin->empty()) {

@@ -559,8 +559,7 @@ TEST_F(ModelTools, FilesThatAConversionWouldNotReadAreNamed) {
   const std::string call = "model_converter --input_path " + DemoTruth() +
                            " --output_path " + Path("out.ply") +
                            " --output_type ply ";
-  for (const char* option :
-       {"image_path", "list_path", "database_path", "image_timestamps_path"}) {
+  for (const char* option : {"image_path", "list_path", "database_path"}) {
     ExpectRefused(call + "--" + option + " " + DemoDatabase(),
                   AllOf(HasSubstr(option), HasSubstr("would not be read")));
   }
