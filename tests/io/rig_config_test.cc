@@ -235,6 +235,11 @@ TEST_F(RigConfigTest, LegacyConfigurationsOfRigBundleAdjuster) {
       1e-12);
   EXPECT_FALSE(parse("7", "")[0].cameras[0].cam_from_rig.has_value());
   EXPECT_THAT(ErrorOf([&] { parse("5", ""); }), HasSubstr("ref_camera_id"));
+  EXPECT_THAT(
+      ErrorOf([&] {
+        parse("7", R"(, "rel_qvec": [1, 0, 0, 0], "rel_tvec": [-1e15, 0, 0])");
+      }),
+      HasSubstr("has a pose that"));
   EXPECT_THAT(ErrorOf([&] { parse("7", R"(, "ref_sensor": true)"); }),
               HasSubstr("unknown key 'ref_sensor'"));
 }

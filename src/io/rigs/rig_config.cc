@@ -211,6 +211,12 @@ RigConfig ReadRig(const Json& json, const std::string& path,
                               "one"));
   }
   if (is_legacy) MoveToReference(&rig.cameras);
+  for (const RigConfigCamera& camera : rig.cameras) {
+    const auto problem = camera.cam_from_rig
+                             ? WhyImplausible(*camera.cam_from_rig)
+                             : std::nullopt;
+    if (problem) object.Throw("has a pose that " + *problem);
+  }
   return rig;
 }
 
