@@ -144,7 +144,8 @@ struct ConfidenceRow {
   double confidence = 0.0;
 };
 
-// By the name of a frame; frames without a confidence are left out.
+// The rows of a table by the names of frames; frames without a confidence are
+// left out.
 std::map<std::string, ConfidenceRow> ReadConfidenceTable(const fs::path& path) {
   TextLines lines(path);
   lines.Next();

@@ -9,10 +9,9 @@
 #include <map>
 #include <set>
 
-#include "database/database_cleaning.h"
 #include "database/database_shard.h"
 #include "database/sqlite_database.h"
-#include "io/test_database.h"
+#include "io/merged_databases.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"
 #include "mgsfm/models/scene_loading.h"
@@ -26,76 +25,6 @@ namespace {
 namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::HasSubstr;
-
-class DatabaseMerging : public testing::Test {
- protected:
-  std::string Path(const std::string& name) const {
-    return (dir_.path() / name).string();
-  }
-
-  FeatureDatabase Open(const std::string& name) const {
-    return {Path(name), FeatureDatabase::OpenMode::kExisting};
-  }
-
-  // Not of all images.
-  static std::optional<Eigen::Vector3d> GravityOf(ImageId id) {
-    if (id.value() % 2 == 0) return std::nullopt;
-    return Eigen::Vector3d(0.1 * id.value(), 1.0, 0.0);
-  }
-
-  // Stereo images of a sequence with everything that a database can hold.
-  DatabaseContents MakeDatabase(const std::string& name,
-                                const std::string& sequence) const {
-    std::vector<std::string> names;
-    for (const char* file :
-         {"/cam0/1.jpg", "/cam1/1.jpg", "/cam0/2.jpg", "/cam1/2.jpg"}) {
-      names.push_back(sequence + file);
-    }
-    DatabaseContents contents = MakeContents(names);
-    const CameraId left = contents.images[0].camera_id;
-    const CameraId right = contents.images[1].camera_id;
-    contents.rigs = {{RigId(3),
-                      left,
-                      {{left, Rigid3()},
-                       {right, Rigid3{ExpSO3({0.0, 0.1, 0.0}), {1, 2, 3}}}}}};
-    contents.frames = {
-        {FrameId(4),
-         RigId(3),
-         {{left, contents.images[0].id}, {right, contents.images[1].id}}},
-        {FrameId(9),
-         RigId(3),
-         {{left, contents.images[2].id}, {right, contents.images[3].id}}}};
-    WriteDatabase(Path(name), contents, DatabaseSchema::k312);
-    FeatureDatabase database = Open(name);
-    for (const ImageRow& image : contents.images) {
-      DescriptorMatrix descriptors(image.keypoints_px.size(), 128);
-      descriptors.setConstant(static_cast<uint8_t>(image.id.value()));
-      database.WriteDescriptors(image.id, descriptors);
-      database.WritePosePrior({image.id,
-                               PosePriorRow::CoordinateSystem::kWgs84,
-                               {47.0, 8.0, 1.0 * image.id.value()},
-                               Eigen::Matrix3d::Identity(),
-                               GravityOf(image.id)});
-    }
-    return contents;
-  }
-
-  // a.db with the second camera elsewhere in the rig.
-  void MakeDifferentRig() const {
-    fs::copy_file(Path("a.db"), Path("b.db"),
-                  fs::copy_options::overwrite_existing);
-    FeatureDatabase database = Open("b.db");
-    DatabaseContents contents = database.ReadStructure(Context());
-    contents.rigs[0].sensors[1].sensor_from_rig->translation.x() += 1.0;
-    database.WriteRigsAndFrames(contents.rigs, contents.frames);
-  }
-
-  void Merge(const std::string& merged) const {
-    MergeDatabases({{Path("a.db")}, {Path("b.db")}}, Path(merged), Context());
-  }
-
-  const TempDir dir_;
-};
 
 std::set<std::string> FilesIn(const fs::path& folder) {
   std::set<std::string> names;
@@ -435,7 +364,6 @@ TEST_F(DatabaseMerging, VehiclesShareTheirRigAndSessionsTheirNames) {
                  Path("other.db"), Context());
 }
 
-// Rigs that a database holds, but that no rows define.
 TEST_F(DatabaseMerging, LostRigsAreNamed) {
   MakeDatabase("a.db", "a");
   MakeDatabase("b.db", "b");
@@ -456,6 +384,7 @@ TEST_F(DatabaseMerging, LostRigsAreNamed) {
   EXPECT_THAT(warnings, testing::IsEmpty());
 }
 
+// Rigs that a database holds, but that no rows define.
 TEST_F(DatabaseMerging, DamagedRigsAreNamed) {
   const std::pair<const char*, const char*> damages[] = {
       {"UPDATE rigs SET ref_sensor_type = 1", "rig 3"},
@@ -582,38 +511,6 @@ TEST_F(DatabaseMerging, ColmapOpensTheResult) {
   FeatureDatabase database = Open("merged.db");
   EXPECT_TRUE(database.CountMatches().empty());
   EXPECT_EQ(database.ImagesWithKeypoints().size(), 8u);
-}
-
-TEST_F(DatabaseMerging, CleaningDeletesWhatItSays) {
-  using Rows = CleanedRows;
-  for (const Rows rows :
-       {Rows::kMatches, Rows::kFeatures, Rows::kImages, Rows::kAll}) {
-    MakeDatabase("a.db", "seq1");
-    CleanDatabase(Path("a.db"), rows);
-    FeatureDatabase database = Open("a.db");
-    EXPECT_TRUE(database.CountMatches().empty());
-    EXPECT_TRUE(database.CountInlierMatches().empty());
-    const size_t num_features = rows == Rows::kMatches ? 4 : 0;
-    EXPECT_EQ(database.ImagesWithKeypoints().size(), num_features);
-    EXPECT_EQ(database.ImagesWithDescriptors().size(), num_features);
-    const DatabaseContents contents = database.ReadStructure(Context());
-    const bool has_images = rows == Rows::kMatches || rows == Rows::kFeatures;
-    EXPECT_EQ(contents.images.size(), has_images ? 4u : 0u);
-    EXPECT_EQ(contents.frames.size(), has_images ? 2u : 0u);
-    EXPECT_EQ(database.ReadPosePriors().size(), has_images ? 4u : 0u);
-    EXPECT_EQ(contents.rigs.empty(), rows == Rows::kAll);
-    EXPECT_EQ(contents.cameras.empty(), rows == Rows::kAll);
-    fs::remove(Path("a.db"));
-  }
-  WriteTextFile(Path("c.db"), "no database");
-  EXPECT_THROW(CleanDatabase(Path("c.db"), Rows::kAll), Error);
-  EXPECT_THROW(CleanDatabase(Path("none.db"), Rows::kAll), Error);
-  EXPECT_FALSE(fs::exists(Path("none.db")));
-  SqliteDatabase::Create(Path("other.db")).Execute("CREATE TABLE images (a)");
-  const std::string before = ReadTextFile(Path("other.db"));
-  EXPECT_THAT(ErrorOf([&] { CleanDatabase(Path("other.db"), Rows::kAll); }),
-              HasSubstr("is not a COLMAP database; choose another file"));
-  EXPECT_EQ(ReadTextFile(Path("other.db")), before);
 }
 
 }  // namespace

@@ -213,8 +213,6 @@ TEST_F(RigConfigTest, RigsWithFramesByTimeAreReadBack) {
             1e-12);
 }
 
-// A folder with a model stands for the calibration in it, with and without the
-// file beside it, which COLMAP does not write.
 // An image is at rel * rig in COLMAP 3.8, so that only differences between the
 // poses of cameras matter.
 TEST_F(RigConfigTest, LegacyConfigurationsOfRigBundleAdjuster) {
@@ -244,6 +242,8 @@ TEST_F(RigConfigTest, LegacyConfigurationsOfRigBundleAdjuster) {
               HasSubstr("unknown key 'ref_sensor'"));
 }
 
+// A folder with a model stands for the calibration in it, with and without the
+// file beside it, which COLMAP does not write.
 TEST_F(RigConfigTest, ModelIsReadLikeItsConfig) {
   const std::vector<std::string> names = {
       "cam0/0.png", "cam0/1.png", "cam1/0.png", "cam1/1.png", "cam2/1.png"};

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "mapper/true_model.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/simulator/simulation.h"
@@ -36,24 +37,11 @@ MapperResult Map(const Scene& scene, const ViewGraph& view_graph,
                               Threads(num_threads));
 }
 
-// All images are in one model, near their true poses.
-void ExpectTrue(const Simulation& simulation, const MapperResult& result) {
-  ASSERT_EQ(result.models.size(), 1u);
-  EXPECT_TRUE(result.unregistered_frames.empty());
-  const ModelDifference difference =
-      CompareModels(simulation.scene, result.models[0].reconstruction,
-                    simulation.ground_truth);
-  EXPECT_EQ(difference.num_images,
-            static_cast<int>(simulation.scene.images.size()));
-  EXPECT_LT(difference.max_rotation_deg, 0.2);
-  EXPECT_LT(difference.max_position, 0.1);
-}
-
 class IncrementalMapperTest : public testing::TestWithParam<RigPreset> {};
 
 TEST_P(IncrementalMapperTest, RecoversAnUnknownRig) {
   const Simulation simulation = Simulate(Drive(GetParam()));
-  ExpectTrue(simulation, Map(simulation.scene, simulation.view_graph));
+  ExpectTrueModel(simulation, Map(simulation.scene, simulation.view_graph));
 }
 
 TEST_P(IncrementalMapperTest, KnownPosesGiveTheSameModel) {
@@ -66,7 +54,7 @@ TEST_P(IncrementalMapperTest, KnownPosesGiveTheSameModel) {
   }
   for (const Scene& scene : {partly, known}) {
     const MapperResult result = Map(scene, simulation.view_graph);
-    ExpectTrue(simulation, result);
+    ExpectTrueModel(simulation, result);
     if (truth.size() == 1) continue;
     // The unit of length is that of the known poses.
     EXPECT_TRUE(result.models[0].translation.is_metric);
@@ -145,7 +133,7 @@ TEST(IncrementalMapper, MapsThreeRigsAndTwoSingleCameras) {
   options.num_frames = 10;
   Simulation simulation = Simulate(options, input);
   Regroup({0, 0, 1, 1, 2, 2, 3, 4}, &simulation);
-  ExpectTrue(simulation, Map(simulation.scene, simulation.view_graph));
+  ExpectTrueModel(simulation, Map(simulation.scene, simulation.view_graph));
 }
 
 // The cameras of a frame determine a model without motion.

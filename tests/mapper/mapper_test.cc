@@ -7,6 +7,7 @@
 
 #include "geometry/so3.h"
 #include "mapper/mapper_recipe.h"
+#include "mapper/true_model.h"
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/simulator/simulation.h"
 #include "support/model_comparison.h"
@@ -39,16 +40,7 @@ class MapperTest
 TEST_P(MapperTest, RecoversANoisyDrive) {
   const Simulation simulation =
       Simulate(NoisyDrive(GetParam().first, GetParam().second));
-  const MapperResult result = Map(simulation);
-  ASSERT_EQ(result.models.size(), 1u);
-  EXPECT_TRUE(result.unregistered_frames.empty());
-  const ModelDifference difference =
-      CompareModels(simulation.scene, result.models[0].reconstruction,
-                    simulation.ground_truth);
-  EXPECT_EQ(difference.num_images,
-            static_cast<int>(simulation.scene.images.size()));
-  EXPECT_LT(difference.max_rotation_deg, 0.2);
-  EXPECT_LT(difference.max_position, 0.1);
+  ExpectTrueModel(simulation, Map(simulation));
 }
 
 INSTANTIATE_TEST_SUITE_P(

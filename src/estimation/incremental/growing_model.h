@@ -45,7 +45,8 @@ class GrowingModel {
   int num_frames() const { return num_frames_; }
   size_t num_points() const { return num_points_; }
   size_t NumObservations() const;
-  // Of the points, over all images that observe them, when filtered last.
+  // The median distance of points from the images that observe them, as of the
+  // last filtering.
   double median_distance() const { return median_distance_; }
 
   void SetFrame(int frame_idx, const std::optional<Rigid3>& rig_from_world);
@@ -55,7 +56,8 @@ class GrowingModel {
   // with tracks that have points.
   int NumVisible(int image_idx) const { return num_visible_[image_idx]; }
   int NumVisibleInFrame(int frame_idx) const;
-  // How far they are spread over the images of the frame.
+  // The spread of these keypoints over the images of the frame, in weighted
+  // cells.
   int Spread(int frame_idx) const;
 
   // The points that an image observes if its tracks are right, and their

@@ -26,23 +26,33 @@ Rigid3 PoseOfPair(const ImagePair& pair) {
           *pair.relative_pose->translation_direction};
 }
 
-// How much parallax the matches of a pair have; 0 without translation.
+// The rays of the matches of a pair that have both.
+RayMatches RaysOf(const Bearings& bearings, const ImagePair& pair) {
+  RayMatches rays;
+  for (const Match& match : pair.matches) {
+    const int k1 = static_cast<int>(match.keypoint_idx1);
+    const int k2 = static_cast<int>(match.keypoint_idx2);
+    if (!bearings.HasRay(pair.image_idx1, k1) ||
+        !bearings.HasRay(pair.image_idx2, k2)) {
+      continue;
+    }
+    rays.Add(bearings.Ray(pair.image_idx1, k1),
+             bearings.Ray(pair.image_idx2, k2));
+  }
+  return rays;
+}
+
+// The parallax of the matches of a pair; 0 without translation.
 double WeightOf(const GrowthInput& input, const ImagePair& pair) {
   if (!pair.relative_pose || !pair.relative_pose->translation_direction) {
     return 0.0;
   }
+  const Eigen::Quaterniond& rotation = pair.relative_pose->cam2_from_cam1;
+  const RayMatches rays = RaysOf(input.bearings, pair);
   double weight = 0.0;
-  for (const Match& match : pair.matches) {
-    const int k1 = static_cast<int>(match.keypoint_idx1);
-    const int k2 = static_cast<int>(match.keypoint_idx2);
-    if (!input.bearings.HasRay(pair.image_idx1, k1) ||
-        !input.bearings.HasRay(pair.image_idx2, k2)) {
-      continue;
-    }
+  for (size_t i = 0; i < rays.rays1.size(); ++i) {
     const double angle_rad =
-        AngleBetween(pair.relative_pose->cam2_from_cam1 *
-                         input.bearings.Ray(pair.image_idx1, k1),
-                     input.bearings.Ray(pair.image_idx2, k2));
+        AngleBetween(rotation * rays.rays1[i], rays.rays2[i]);
     weight += std::min(angle_rad / kMaxWeightedAngleRad, 1.0);
   }
   return weight;
@@ -62,16 +72,7 @@ UnitMatches MatchesOfPair(const GrowthInput& input, const SensorPoses& sensors,
   matches.max_error_rad =
       2.0 * input.options.bundle_adjustment.min_max_error_px /
       (pixels_per_radian(image1) + pixels_per_radian(image2));
-  for (const Match& match : pair.matches) {
-    const int k1 = static_cast<int>(match.keypoint_idx1);
-    const int k2 = static_cast<int>(match.keypoint_idx2);
-    if (!input.bearings.HasRay(pair.image_idx1, k1) ||
-        !input.bearings.HasRay(pair.image_idx2, k2)) {
-      continue;
-    }
-    matches.rays.Add(input.bearings.Ray(pair.image_idx1, k1),
-                     input.bearings.Ray(pair.image_idx2, k2));
-  }
+  matches.rays = RaysOf(input.bearings, pair);
   return matches;
 }
 

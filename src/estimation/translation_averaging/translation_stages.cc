@@ -14,8 +14,9 @@
 namespace mgsfm {
 namespace {
 
-// Of the coarse refinement, which prepares a second triangulation. Half and
-// twice the scale change errors by at most 8 % (docs/results/constants.md).
+// The loss scale of the coarse refinement, which prepares a second
+// triangulation. Half and twice the scale change errors by at most 8 %
+// (docs/results/constants.md).
 constexpr double kCoarseLossRad = DegToRad(1.0);
 // Lower bound of the depth of points, relative to the typical depth: nearer
 // points come from rays with nearly the same origin. Half or twice the value

@@ -60,8 +60,8 @@ Eigen::Quaterniond RotationBetween(const Eigen::Vector3d& from,
   const double c = b.dot(a);
   Eigen::Quaterniond q;
   if (c < -1.0 + kSmallAngle * kSmallAngle) {
-    // Of nearly opposite directions, rounding spoils c: half a turn about
-    // any normal, and the small rest.
+    // Rounding spoils c for nearly opposite directions. Half a turn about any
+    // normal of a leaves a small rotation.
     q.w() = 0.0;
     q.vec() = a.unitOrthogonal();
     return RotationBetween(-a, b) * q;

@@ -51,8 +51,8 @@ bool AreEqualUpToRounding(const std::vector<double>& a,
                     });
 }
 
-// How the calibration of a camera in rig_config.json differs from that of the
-// model beside it; empty if it does not.
+// Describes the difference between the calibration of a camera in
+// rig_config.json and in the model beside it; empty without a difference.
 std::string WhyOfAnotherModel(const RigConfigCamera& camera,
                               const Model& model) {
   const auto image = std::find_if(

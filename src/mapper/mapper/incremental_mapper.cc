@@ -55,7 +55,8 @@ std::vector<MapperModel> Finish(const MapperRunInput& run,
                    std::move(model));
 }
 
-// What the pairs say about a model, in the terms of averaging.
+// The rotations of a model, and the pairs that agree with it: the input of the
+// checks that follow averaging.
 RotationEstimate RotationsOf(const MapperRunInput& run,
                              const VerifiedPairs& pairs,
                              const Reconstruction& model) {
