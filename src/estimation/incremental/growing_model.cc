@@ -15,6 +15,9 @@
 namespace mgsfm {
 namespace {
 
+// No position error of KITTI 06, EuRoC and nuScenes changes by more than 2 %
+// with other values (docs/maths/incremental.md).
+//
 // Frames that are adjusted together with a new one.
 constexpr size_t kNumNeighbors = 5;
 // Poses of a growing model need less accuracy than those of a finished one.

@@ -21,8 +21,8 @@ namespace {
 
 using Observer = std::function<void(const Reconstruction&)>;
 
-// Half and twice the following values change no position error of KITTI 06,
-// EuRoC and nuScenes by more than 2 % (docs/results/constants.md).
+// No position error of KITTI 06, EuRoC and nuScenes changes by more than 2 %
+// with other values (docs/maths/incremental.md).
 //
 // Tracks per image that let a model grow.
 constexpr int kTracksPerImage = 300;
