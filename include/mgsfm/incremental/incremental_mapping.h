@@ -6,6 +6,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/fields.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/registration/model_extension.h"
 #include "mgsfm/scene/estimates.h"
@@ -81,6 +82,7 @@ struct IncrementalInput {
   const Scene& scene;
   const Bearings& bearings;
   const ViewGraph& view_graph;  // of verified pairs with relative poses
+  const Mask& pair_is_used;     // per pair: not rejected by a rule
 };
 
 struct IncrementalOptions {

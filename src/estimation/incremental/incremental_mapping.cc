@@ -200,14 +200,15 @@ TrackResult EstablishGrowthTracks(const IncrementalInput& input,
                                   const IncrementalOptions& options,
                                   const Context& context) {
   const ViewGraph& view_graph = input.view_graph;
-  MatchSelection selection{Mask(view_graph.pairs.size(), true), {}};
+  MatchSelection selection{input.pair_is_used, {}};
   selection.match_is_used = FindTripletConsistentMatches(
       view_graph, selection.pair_is_used, context.num_threads);
   size_t begin = 0;
-  for (const ImagePair& pair : view_graph.pairs) {
-    const size_t end = begin + pair.matches.size();
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const size_t end = begin + view_graph.pairs[i].matches.size();
     const Mask& used = selection.match_is_used;
-    if (std::none_of(used.begin() + begin, used.begin() + end,
+    if (input.pair_is_used[i] &&
+        std::none_of(used.begin() + begin, used.begin() + end,
                      [](bool is_used) { return is_used; })) {
       selection.match_is_used.Fill(begin, end, true);
     }

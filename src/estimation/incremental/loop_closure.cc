@@ -159,9 +159,8 @@ bool CloseLoop(const GrowthInput& input, int frame_idx,
                const FrameRegistration& registration, GrowingModel* model) {
   const Reconstruction before = model->poses();
   const size_t num_observations = model->NumObservations();
-  const Mask all_pairs(input.view_graph.pairs.size(), true);
   const MatchSelection selection = SelectConsistentMatches(
-      {input.scene, input.view_graph, all_pairs, before},
+      {input.scene, input.view_graph, input.pair_is_used, before},
       input.options.bundle_adjustment.max_max_error_px,
       input.options.match_selection, input.context);
   Reconstruction deformed = model->WithPoints();

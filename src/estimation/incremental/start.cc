@@ -93,6 +93,7 @@ StartFinder::StartFinder(const GrowthInput& input)
       weights_(input.view_graph.pairs.size()),
       frame_is_tried_(input.scene.frames.size()) {
   ParallelFor(weights_.size(), input.context.num_threads, [&](size_t i) {
+    if (!input.pair_is_used[i]) return;
     weights_[i] = WeightOf(input, input.view_graph.pairs[i]);
   });
 }

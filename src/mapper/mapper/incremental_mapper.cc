@@ -22,11 +22,28 @@
 namespace mgsfm {
 namespace {
 
+// A pair that averaging could not reach is used; one that a rule rejected is
+// not.
+bool IsUsable(const std::optional<RejectionReason>& verdict) {
+  return !verdict || verdict == RejectionReason::kUnknownSensorRotation ||
+         verdict == RejectionReason::kFrameWithoutRotation ||
+         verdict == RejectionReason::kDifferentComponents;
+}
+
+Mask UsablePairs(const PairVerdicts& verdicts) {
+  Mask is_usable(verdicts.size());
+  for (size_t i = 0; i < verdicts.size(); ++i) {
+    if (IsUsable(verdicts[i])) is_usable[i] = true;
+  }
+  return is_usable;
+}
+
 IncrementalResult Grow(const MapperRunInput& run, const VerifiedPairs& pairs,
+                       const Mask& pair_is_used,
                        std::vector<StageTime>* times) {
   const RunningStage stage("incremental mapping", run.context);
   IncrementalResult grown = MapIncrementally(
-      {run.scene, pairs.bearings, pairs.view_graph},
+      {run.scene, pairs.bearings, pairs.view_graph, pair_is_used},
       {run.options.extension.resection, run.options.bundle_adjustment,
        run.options.tracks, run.options.match_selection,
        run.options.min_num_frames},
@@ -35,30 +52,39 @@ IncrementalResult Grow(const MapperRunInput& run, const VerifiedPairs& pairs,
   return grown;
 }
 
+// The pairs of a run and what the rules say about them.
+struct Evidence {
+  const VerifiedPairs& pairs;
+  const FramePairIndex& index;
+  const JudgedPairs& judged;
+  const Mask& pair_is_used;
+};
+
 // The final adjustment of a model that has grown, and its seams.
 std::vector<MapperModel> Finish(const MapperRunInput& run,
-                                const VerifiedPairs& pairs,
-                                const FramePairIndex& index,
+                                const Evidence& evidence,
                                 SharedCalibration* calibration,
                                 MapperModel model, Reconstruction initial) {
-  AdjustmentInput input{run.scene, pairs.view_graph, pairs.matches(),
-                        run.input.position_priors, run.input.gravity_priors};
-  input.pair_is_used.assign(pairs.view_graph.pairs.size(), true);
+  const VerifiedPairs& pairs = evidence.pairs;
+  AdjustmentInput input{
+      run.scene, pairs.view_graph, pairs.matches(), run.input.position_priors,
+      evidence.judged.rotations.gravity_rejection ? kNoGravity
+                                                  : run.input.gravity_priors};
+  input.pair_is_used = evidence.pair_is_used;
   input.is_metric = model.translation.is_metric;
   input.observer = run.input.observer;
   input.calibration = calibration;
   AdjustModel(input, run.options, run.context, std::move(initial), &model);
   if (run.options.is_for_lenses) return {std::move(model)};
-  const std::vector<std::optional<Rigid3>> no_path(
-      pairs.view_graph.pairs.size());
-  return TestSeams(index, no_path, run.options, run.context, std::move(input),
+  return TestSeams(evidence.index, evidence.judged.motion.pair_on_path,
+                   run.options, run.context, std::move(input),
                    std::move(model));
 }
 
 // The rotations of a model, and the pairs that agree with it: the input of the
 // checks that follow averaging.
 RotationEstimate RotationsOf(const MapperRunInput& run,
-                             const VerifiedPairs& pairs,
+                             const Evidence& evidence,
                              const Reconstruction& model) {
   const auto rotation_of = [](const std::optional<Rigid3>& pose) {
     return pose ? std::optional(pose->rotation) : std::nullopt;
@@ -70,11 +96,11 @@ RotationEstimate RotationsOf(const MapperRunInput& run,
   for (const auto& pose : model.sensor_from_rig) {
     rotations.sensor_from_rig.push_back(rotation_of(pose));
   }
-  const Mask all_pairs(pairs.view_graph.pairs.size(), true);
   rotations.pair_is_inlier =
-      SelectConsistentMatches({run.scene, pairs.view_graph, all_pairs, model},
-                              run.options.bundle_adjustment.max_max_error_px,
-                              run.options.match_selection, run.context)
+      SelectConsistentMatches(
+          {run.scene, evidence.pairs.view_graph, evidence.pair_is_used, model},
+          run.options.bundle_adjustment.max_max_error_px,
+          run.options.match_selection, run.context)
           .pair_is_used;
   return rotations;
 }
@@ -97,44 +123,58 @@ void ListReasons(const MapperRunInput& run, const IncrementalResult& grown,
   }
 }
 
-void MapByGrowth(const MapperRunInput& run, VerifiedPairs* pairs,
-                 MapperResult* result) {
+// The finished models of one that has grown.
+std::vector<MapperModel> FinishModel(const MapperRunInput& run,
+                                     const Evidence& evidence,
+                                     const IncrementalSummary& growth,
+                                     SharedCalibration* calibration,
+                                     Reconstruction initial,
+                                     MapperResult* result) {
   const Scene& scene = run.scene;
-  IncrementalResult grown = Grow(run, *pairs, &result->times);
-  const bool is_metric =
+  MapperModel model;
+  model.tracks = growth.tracks;
+  model.translation.is_metric =
       std::any_of(scene.sensors.begin(), scene.sensors.end(), HasKnownLength);
-  const FramePairIndex index(scene, pairs->view_graph,
-                             run.options.pair_filtering.is_sequence);
-  SharedCalibration calibration(scene, run.lenses);
+  result->rotation.sensors.clear();
+  model.reconstruction.sensor_from_rig = initial.sensor_from_rig;
   Reconstruction no_start;
   no_start.sensor_from_rig.resize(scene.sensors.size());
+  DescribeSensors(scene, no_start, growth.placed_sensors, &model, result);
+  model.num_frames_in_component =
+      static_cast<int>(FramesWith(initial.rig_from_world).Count());
+  model.rejected_groups = FindRejectedGroups(
+      evidence.pairs, evidence.index, RotationsOf(run, evidence, initial),
+      Mask(evidence.pair_is_used.size()), evidence.judged.rotations.verdicts,
+      run.context);
+  return Finish(run, evidence, calibration, std::move(model),
+                std::move(initial));
+}
+
+void MapByGrowth(const MapperRunInput& run, VerifiedPairs* pairs,
+                 MapperResult* result) {
+  const FramePairIndex index(run.scene, pairs->view_graph,
+                             run.options.pair_filtering.is_sequence);
+  const JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
+  const Mask pair_is_used = UsablePairs(judged.rotations.verdicts);
+  IncrementalResult grown = Grow(run, *pairs, pair_is_used, &result->times);
+  SharedCalibration calibration(run.scene, run.lenses);
   for (Reconstruction& initial : grown.estimate) {
     if (!result->models.empty()) {
       PassOn(result->models.back(), run.input.position_priors, run.options,
              run.context, &calibration);
     }
-    MapperModel model;
-    model.tracks = grown.summary.tracks;
-    model.translation.is_metric = is_metric;
-    result->rotation.sensors.clear();
-    model.reconstruction.sensor_from_rig = initial.sensor_from_rig;
-    DescribeSensors(scene, no_start, grown.summary.placed_sensors, &model,
-                    result);
-    model.num_frames_in_component =
-        static_cast<int>(FramesWith(initial.rig_from_world).Count());
-    model.rejected_groups = FindRejectedGroups(
-        *pairs, index, RotationsOf(run, *pairs, initial),
-        Mask(pairs->view_graph.pairs.size()),
-        PairVerdicts(pairs->view_graph.pairs.size()), run.context);
-    for (MapperModel& finished : Finish(run, *pairs, index, &calibration,
-                                        std::move(model), std::move(initial))) {
+    for (MapperModel& finished :
+         FinishModel(run, {*pairs, index, judged, pair_is_used}, grown.summary,
+                     &calibration, std::move(initial), result)) {
       if (!IsLargeEnough(finished, run.options)) continue;
       result->models.push_back(std::move(finished));
     }
   }
+  result->rejected_pairs =
+      CountRejections(judged.rotations.verdicts, pairs->num_of_fixed_regions);
   result->incremental = std::move(grown.summary);
-  ListReasons(run, grown, KeepLargeModels(scene, run.options, &result->models),
-              result);
+  ListReasons(run, grown,
+              KeepLargeModels(run.scene, run.options, &result->models), result);
 }
 
 }  // namespace

@@ -54,6 +54,23 @@ EstimatedRotations AverageAll(const Run& run, const ViewGraph& view_graph,
   return rotations;
 }
 
+}  // namespace
+
+JudgedPairs JudgePairs(const Run& run, const FramePairIndex& index,
+                       VerifiedPairs* pairs, std::vector<StageTime>* times) {
+  JudgedPairs judged;
+  judged.rotations = AverageAll(run, pairs->view_graph, index, {}, times);
+  judged.motion = RemoveMovingObjects(index, judged.rotations.estimate,
+                                      run.options, run.context, pairs, times);
+  if (!judged.motion.verdicts.empty()) {
+    judged.rotations = AverageAll(run, pairs->view_graph, index,
+                                  judged.motion.verdicts, times);
+  }
+  return judged;
+}
+
+namespace {
+
 // ---------------------------------------------------------------- 6. Positions
 
 // Sensors with baselines determined by earlier models are known.
@@ -164,15 +181,7 @@ void MapVerifiedPairs(const PositionStep& estimate_positions, const Run& run,
                       VerifiedPairs* pairs, MapperResult* result) {
   const FramePairIndex index(run.scene, pairs->view_graph,
                              run.options.pair_filtering.is_sequence);
-  EstimatedRotations rotations =
-      AverageAll(run, pairs->view_graph, index, {}, &result->times);
-  const MotionOfScene motion =
-      RemoveMovingObjects(index, rotations.estimate, run.options, run.context,
-                          pairs, &result->times);
-  if (!motion.verdicts.empty()) {
-    rotations = AverageAll(run, pairs->view_graph, index, motion.verdicts,
-                           &result->times);
-  }
+  auto [rotations, motion] = JudgePairs(run, index, pairs, &result->times);
   SharedCalibration calibration(run.scene, run.lenses);
   const Measured measured{
       estimate_positions,

@@ -2,10 +2,14 @@
 #pragma once
 
 #include <functional>
+#include <vector>
 
 #include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
+#include "moving_objects/moving_objects.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "rotation_averaging/rotation_estimation.h"
 #include "translation_averaging/position_estimation.h"
 
 namespace mgsfm {
@@ -30,6 +34,17 @@ using PairStep = std::function<void(
                                        const MapperInput& input,
                                        const MapperOptions& options,
                                        const Context& context);
+
+struct JudgedPairs {
+  EstimatedRotations rotations;  // with a verdict per pair
+  MotionOfScene motion;
+};
+
+// Averages rotations, finds moving objects, and averages again without them.
+[[nodiscard]] JudgedPairs JudgePairs(const MapperRunInput& run,
+                                     const FramePairIndex& index,
+                                     VerifiedPairs* pairs,
+                                     std::vector<StageTime>* times);
 
 // The step from rotations to positions and points; EstimatePositions() in the
 // mapper.
