@@ -65,6 +65,32 @@ TEST_P(IncrementalMapperTest, KnownPosesGiveTheSameModel) {
   }
 }
 
+// Lorries accompany half of the drive and fill images: without the rules, a
+// model takes their motion for that of the rig.
+TEST(IncrementalMapper, GrowsOnTheStaticScene) {
+  SimulationOptions options = StandardSimulation(RigPreset::kStereo);
+  options.path = PathPreset::kCurve;
+  options.num_frames = 60;
+  options.frame_spacing_m = 2.5;
+  options.convoy_ratio = 0.5;
+  options.random_seed = 1;
+  const Simulation simulation = Simulate(options);
+  const MapperResult result = Map(simulation.scene, simulation.view_graph);
+  EXPECT_TRUE(std::any_of(
+      result.rejected_pairs.begin(), result.rejected_pairs.end(),
+      [](const RejectionCount& count) {
+        return count.reason == RejectionReason::kDiscontinuousMotion &&
+               count.num_pairs > 0;
+      }));
+  ASSERT_FALSE(result.models.empty());
+  for (const MapperModel& model : result.models) {
+    EXPECT_LT(CompareModels(simulation.scene, model.reconstruction,
+                            simulation.ground_truth)
+                  .max_position,
+              0.25);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Rigs, IncrementalMapperTest,
                          testing::Values(RigPreset::kMono, RigPreset::kStereo,
                                          RigPreset::kKitti360,

@@ -132,6 +132,11 @@ struct SequentialPairOptions {
       "quadratic_overlap", false,
       "Also match images with those 2^k frames later, for k < overlap. Set it "
       "if loop detection is off."};
+  Option<bool> use_key_frames{
+      "use_key_frames", true,
+      "Apply overlap and loop detection to key frames only, which see "
+      "something "
+      "new. Match each other frame with the key frames before and after it."};
   Option<bool> expand_rig_images{
       "expand_rig_images", true,
       "Also match images of different cameras of a rig, in the same and in the "
@@ -147,8 +152,8 @@ struct SequentialPairOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(overlap, quadratic_overlap, expand_rig_images, num_probe_frames,
-          min_probe_ratio);
+    visit(overlap, quadratic_overlap, use_key_frames, expand_rig_images,
+          num_probe_frames, min_probe_ratio);
   }
 };
 

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <optional>
+#include <string_view>
 #include <utility>
 
 #include "base/file_reading.h"
 #include "base/text_streams.h"
 #include "matching/frame_pair_verification.h"
+#include "matching/key_frames.h"
 #include "matching/match_list.h"
 #include "matching/pair_matching.h"
 #include "matching/pair_selection.h"
@@ -35,7 +37,7 @@ class Run {
         options_(options),
         context_(context) {}
 
-  void Match(const ImagePairList& pairs, const char* stage,
+  void Match(const ImagePairList& pairs, std::string_view stage,
              std::optional<ProgressSpan> span = std::nullopt) {
     summary_ = summary_ + matcher_.Run(pairs, stage, span);
   }
@@ -96,6 +98,19 @@ ImagePairList Join(const ImagePairList& pairs, const ImagePairList& others) {
   std::set_union(pairs.begin(), pairs.end(), others.begin(), others.end(),
                  std::back_inserter(all));
   return all;
+}
+
+void LogKeyFrames(const std::vector<FrameSequence>& key_frames,
+                  const Scene& scene, const Context& context) {
+  size_t num_key_frames = 0;
+  for (const FrameSequence& sequence : key_frames) {
+    num_key_frames += sequence.images.size();
+  }
+  if (num_key_frames == scene.frames.size()) return;
+  context.Info(std::to_string(num_key_frames) + " of " +
+               std::to_string(scene.frames.size()) +
+               " frames are key frames; the others see hardly anything new and "
+               "are matched with their neighbors only");
 }
 
 // All pairs of images of two blocks, which may be the same.
@@ -177,25 +192,26 @@ PairMatchingSummary MatchSequentially(FeatureDatabase* database,
                                       const VocabularyOptions& vocabulary,
                                       const PairMatchingOptions& matching,
                                       const Context& context) {
-  const std::vector<FrameSequence> sequences = MakeFrameSequences(scene);
   Run run(database, scene, matching, context);
-  ImagePairList done = Join(SameSensorPairs(sequences, options.pairs),
-                            ProbePairs(sequences, options.pairs));
-  run.Match(done, "sequential matching");
-  const ImagePairList overlapping = Without(
-      OverlappingSensorPairs(
-          sequences, options.pairs,
-          [&](const auto& pair) { return run.matcher().IsVerified(pair); }),
-      done);
-  run.Match(overlapping, "matching of overlapping cameras");
+  ImagePairList done;
+  const auto match = [&](const ImagePairList& pairs, std::string_view stage) {
+    run.Match(Without(pairs, done), stage);
+    done = Join(done, pairs);
+  };
+  const auto [key_frames, neighbors] = SelectNeighbors(
+      scene, options.pairs, {match, [&](const ImageIdxPair& pair) {
+                               return run.matcher().NumInliers(pair);
+                             }});
+  LogKeyFrames(key_frames, scene, context);
+  match(neighbors, "sequential matching");
   PairMatchingSummary summary = run.Finish("sequential matching");
-  done = Join(done, overlapping);
   if (!options.loop_detection) {
     run.VerifyUnits(done);
     return summary;
   }
   const ImagePairList loops = Without(
-      SelectLoops(*database, scene, options, vocabulary, context), done);
+      SelectLoops(*database, scene, key_frames, options, vocabulary, context),
+      done);
   Run loop_run(database, scene, matching, context);
   loop_run.Match(loops, "loop detection");
   loop_run.VerifyUnits(Join(done, loops));

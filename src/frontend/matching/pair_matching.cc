@@ -50,11 +50,13 @@ PairMatcher::PairMatcher(const MatchDatabases& databases, const Scene& scene,
 
 PairMatcher::~PairMatcher() = default;
 
-bool PairMatcher::IsVerified(const ImageIdxPair& pair) const {
+size_t PairMatcher::NumInliers(const ImageIdxPair& pair) const {
   const auto found = num_inliers_.find(pair);
-  return found != num_inliers_.end() &&
-         found->second >=
-             static_cast<size_t>(options_.two_view_geometry.min_num_inliers);
+  const bool is_verified =
+      found != num_inliers_.end() &&
+      found->second >=
+          static_cast<size_t>(options_.two_view_geometry.min_num_inliers);
+  return is_verified ? found->second : 0;
 }
 
 PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
@@ -98,7 +100,7 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
   }
   PairMatchingSummary summary{pairs.size(), num_done, 0};
   for (const ImageIdxPair& pair : pairs) {
-    summary.num_verified += IsVerified(pair) ? 1 : 0;
+    summary.num_verified += NumInliers(pair) > 0 ? 1 : 0;
   }
   return summary;
 }

@@ -42,8 +42,8 @@ class PairMatcher {
   PairMatchingSummary Run(const ImagePairList& pairs, std::string_view stage,
                           std::optional<ProgressSpan> span = std::nullopt);
 
-  // Whether the pair has at least min_num_inliers inliers.
-  bool IsVerified(const ImageIdxPair& pair) const;
+  // 0 if the pair has fewer than min_num_inliers inliers.
+  size_t NumInliers(const ImageIdxPair& pair) const;
 
  private:
   struct Result;

@@ -15,6 +15,7 @@
 #include "database/sqlite_database.h"
 #include "files/file_operations.h"
 #include "matching/image_retrieval.h"
+#include "matching/key_frames.h"
 #include "matching/match_list.h"
 #include "matching/pair_matching.h"
 #include "matching/scene_pairs.h"
@@ -186,11 +187,13 @@ ImagePairList ProbePairs(const std::vector<FrameSequence>& sequences,
 
 ImagePairList OverlappingSensorPairs(
     const std::vector<FrameSequence>& sequences,
+    const std::vector<FrameSequence>& all_sequences,
     const SequentialPairOptions& options,
     const std::function<bool(const ImageIdxPair&)>& is_verified) {
   ImagePairList pairs;
   if (!options.expand_rig_images) return pairs;
-  for (const FrameSequence& sequence : sequences) {
+  for (size_t i = 0; i < sequences.size(); ++i) {
+    const FrameSequence& sequence = sequences[i];
     const std::vector<int> probes = ProbeFrames(sequence, options);
     for (const int distance : SensorPairDistances(options)) {
       SensorOverlap overlap(sequence.num_slots, options.min_probe_ratio);
@@ -200,8 +203,10 @@ ImagePairList OverlappingSensorPairs(
                             overlap.Add(slot1, slot2, is_verified(pair));
                           });
       }
-      for (int frame = 0; frame < sequence.num_frames(); ++frame) {
-        ForEachSensorPair(sequence, frame, frame + distance,
+      const FrameSequence& selected =
+          distance == 0 ? all_sequences[i] : sequence;
+      for (int frame = 0; frame < selected.num_frames(); ++frame) {
+        ForEachSensorPair(selected, frame, frame + distance,
                           [&](int slot1, int slot2, const ImageIdxPair& pair) {
                             if (overlap.Overlaps(slot1, slot2))
                               pairs.push_back(pair);
@@ -348,6 +353,7 @@ namespace {
 
 ImagePairList RetrievedPairs(const FeatureDatabase& database,
                              const Scene& scene,
+                             const std::vector<FrameSequence>& sequences,
                              const VocabularyOptions& vocabulary,
                              int max_num_features,
                              const FrameRetrievalOptions& options,
@@ -355,8 +361,7 @@ ImagePairList RetrievedPairs(const FeatureDatabase& database,
   const ImageWords words =
       FindImageWords(database, scene, vocabulary, max_num_features, context);
   const WordIndex index(words.num_words, words.images);
-  return RetrievePairs(MakeFrameSequences(scene), words.images, index, options,
-                       context);
+  return RetrievePairs(sequences, words.images, index, options, context);
 }
 
 // Positions in meters if they are GPS, otherwise in the unit of the database.
@@ -407,28 +412,27 @@ ImagePairList SelectSequentially(const FeatureDatabase& database,
                                  const VocabularyOptions& vocabulary,
                                  const PairMatchingOptions& matching,
                                  const Context& context) {
-  const std::vector<FrameSequence> sequences = MakeFrameSequences(scene);
-  ImagePairList pairs = ProbePairs(sequences, options.pairs);
-  {
-    const TemporaryFolder folder;
-    FeatureDatabase probes(folder.path() + "/probes.db",
-                           FeatureDatabase::OpenMode::kOrCreate);
-    PairMatcher matcher({database, probes}, scene, matching, context);
-    matcher.Run(pairs, "matching of probe frames");
-    Append(OverlappingSensorPairs(
-               sequences, options.pairs,
-               [&](const auto& pair) { return matcher.IsVerified(pair); }),
-           &pairs);
-  }
-  Append(SameSensorPairs(sequences, options.pairs), &pairs);
+  const TemporaryFolder folder;
+  FeatureDatabase trials(folder.path() + "/trials.db",
+                         FeatureDatabase::OpenMode::kOrCreate);
+  PairMatcher matcher({database, trials}, scene, matching, context);
+  auto [key_frames, pairs] = SelectNeighbors(
+      scene, options.pairs,
+      {[&](const ImagePairList& some, std::string_view stage) {
+         matcher.Run(some, stage);
+       },
+       [&](const ImageIdxPair& pair) { return matcher.NumInliers(pair); }});
   if (options.loop_detection) {
-    Append(SelectLoops(database, scene, options, vocabulary, context), &pairs);
+    Append(
+        SelectLoops(database, scene, key_frames, options, vocabulary, context),
+        &pairs);
   }
   SortUnique(&pairs);
   return pairs;
 }
 
 ImagePairList SelectLoops(const FeatureDatabase& database, const Scene& scene,
+                          const std::vector<FrameSequence>& sequences,
                           const SequentialMatchingOptions& options,
                           const VocabularyOptions& vocabulary,
                           const Context& context) {
@@ -437,7 +441,7 @@ ImagePairList SelectLoops(const FeatureDatabase& database, const Scene& scene,
       options.loop_detection_period, options.loop_detection_num_images,
       options.loop_detection_num_images_after_verification,
       2 * options.pairs.overlap + 1};
-  return RetrievedPairs(database, scene, vocabulary,
+  return RetrievedPairs(database, scene, sequences, vocabulary,
                         options.loop_detection_max_num_features, retrieval,
                         context);
 }
@@ -451,8 +455,8 @@ ImagePairList SelectByVocabulary(const FeatureDatabase& database,
   retrieval.num_images = options.num_images;
   retrieval.num_images_after_verification =
       options.num_images_after_verification;
-  return RetrievedPairs(database, scene, vocabulary, options.max_num_features,
-                        retrieval, context);
+  return RetrievedPairs(database, scene, MakeFrameSequences(scene), vocabulary,
+                        options.max_num_features, retrieval, context);
 }
 
 ImagePairList SelectSpatially(const FeatureDatabase& database,

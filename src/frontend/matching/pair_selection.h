@@ -60,12 +60,14 @@ ImagePairList SameSensorPairs(const std::vector<FrameSequence>& sequences,
 // ProbePairs show which sensors overlap, and after how many frames: they are
 // all sensor pairs of `num_probe_frames` frames i, spaced evenly over the
 // sequence. OverlappingSensorPairs are the pairs (sensor, later sensor, d) for
-// which at least min_probe_ratio of the probes are verified, for all frames.
-// Both are empty without expand_rig_images.
+// which at least min_probe_ratio of the probes are verified, for all frames,
+// and for d = 0 those of `all_sequences`, which `sequences` are a part of. Both
+// are empty without expand_rig_images.
 ImagePairList ProbePairs(const std::vector<FrameSequence>& sequences,
                          const SequentialPairOptions& options);
 ImagePairList OverlappingSensorPairs(
     const std::vector<FrameSequence>& sequences,
+    const std::vector<FrameSequence>& all_sequences,
     const SequentialPairOptions& options,
     const std::function<bool(const ImageIdxPair&)>& is_verified);
 
@@ -95,7 +97,8 @@ inline void SortUnique(ImagePairList* pairs) {
 
 ImagePairList SelectExhaustively(const Scene& scene);
 
-// Matches the probe pairs in a temporary file to find which cameras overlap.
+// Matches the pairs of key frame selection and of probes (key_frames.h) in a
+// temporary file.
 ImagePairList SelectSequentially(const FeatureDatabase& database,
                                  const Scene& scene,
                                  const SequentialMatchingOptions& options,
@@ -103,8 +106,10 @@ ImagePairList SelectSequentially(const FeatureDatabase& database,
                                  const PairMatchingOptions& matching,
                                  const Context& context);
 
-// Loops of sequential matching; excludes nearer frames.
+// Loops of sequential matching between the frames of these sequences; excludes
+// nearer frames.
 ImagePairList SelectLoops(const FeatureDatabase& database, const Scene& scene,
+                          const std::vector<FrameSequence>& sequences,
                           const SequentialMatchingOptions& options,
                           const VocabularyOptions& vocabulary,
                           const Context& context);

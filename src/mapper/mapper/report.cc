@@ -235,6 +235,8 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
     report["incremental"] = fields.ToJson(*result.incremental);
   } else if (run.input_path.empty()) {
     report["rotation_averaging"] = ToJson(fields, result.rotation);
+  }
+  if (run.input_path.empty()) {
     report["rejected_pairs"] = ToJson(result.rejected_pairs);
   }
   if (!result.focal_lengths.empty()) {

@@ -137,12 +137,13 @@ TEST(SequentialPairs, LearnsWhichSensorsOverlap) {
   const ImagePairList probes = ProbePairs(sequences, options);
   EXPECT_LT(probes.size(), 80u);
   const ImagePairList learnt =
-      OverlappingSensorPairs(sequences, options, overlaps);
+      OverlappingSensorPairs(sequences, sequences, options, overlaps);
   EXPECT_EQ(learnt.size(), 57u);
   EXPECT_TRUE(std::all_of(learnt.begin(), learnt.end(), overlaps));
   options.expand_rig_images = false;
   EXPECT_TRUE(ProbePairs(sequences, options).empty());
-  EXPECT_TRUE(OverlappingSensorPairs(sequences, options, overlaps).empty());
+  EXPECT_TRUE(
+      OverlappingSensorPairs(sequences, sequences, options, overlaps).empty());
 }
 
 TEST(SequentialPairs, RareOverlapNeedsTheRatio) {
@@ -154,7 +155,7 @@ TEST(SequentialPairs, RareOverlapNeedsTheRatio) {
   const auto count = [&](int num_verified) {
     int num_left = num_verified;
     return OverlappingSensorPairs(
-               sequences, options,
+               sequences, sequences, options,
                [&](const ImageIdxPair&) { return num_left-- > 0; })
         .size();
   };
