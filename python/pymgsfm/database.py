@@ -120,6 +120,10 @@ class Database:
         finally:
             self._database.close()
 
+    def __del__(self) -> None:
+        if hasattr(self, "_frames"):  # else the file could not be opened
+            self.close()
+
     def __enter__(self) -> "Database":
         return self
 
@@ -153,9 +157,10 @@ class Database:
     def write_camera(self, camera: Camera, use_camera_id: bool = False) -> int:
         """Adds a camera, with the next id unless use_camera_id. Returns it."""
         cameras = self._read().cameras
-        if use_camera_id:
-            _check_next_id(cameras, camera.camera_id, "camera")
-        camera_id = self._database.add_camera(camera._row())
+        camera_id = self._database.add_camera(
+            camera._row(),
+            _free_id(cameras, camera.camera_id if use_camera_id else None,
+                     "camera"))
         cameras[camera_id] = (camera_id, *camera._row()[1:])
         return camera_id
 
@@ -191,9 +196,10 @@ class Database:
                              f"the image '{image.name}'")
         if self.exists_image(image.name):
             raise InputError(f"the database has an image '{image.name}'")
-        if use_image_id:
-            _check_next_id(self._read().images, image.image_id, "image")
-        image_id = self._database.add_image(image.name, image.camera_id)
+        image_id = self._database.add_image(
+            image.name, image.camera_id,
+            _free_id(self._read().images,
+                     image.image_id if use_image_id else None, "image"))
         self._read().add_image(image_id, image.name, image.camera_id)
         return image_id
 
@@ -243,8 +249,9 @@ class Database:
 
     def write_rig(self, rig: Rig, use_rig_id: bool = False) -> int:
         """Adds a rig, with the next id unless use_rig_id. Returns it."""
-        rig_id = _new_id(self._change_rigs()[0],
-                         rig.rig_id if use_rig_id else None, "rig")
+        rigs = self._change_rigs()[0]
+        rig_id = (_free_id(rigs, rig.rig_id if use_rig_id else None, "rig")
+                  or max(rigs, default=0) + 1)
         self._change_rigs()[0][rig_id] = Rig(rig_id, rig.ref_camera_id,
                                              dict(rig.sensors))
         return rig_id
@@ -269,8 +276,9 @@ class Database:
     def write_frame(self, frame: Frame, use_frame_id: bool = False) -> int:
         """Adds a frame, with the next id unless use_frame_id. Returns it."""
         self.read_rig(frame.rig_id)
-        frame_id = _new_id(self._change_rigs()[1],
-                           frame.frame_id if use_frame_id else None, "frame")
+        frames = self._change_rigs()[1]
+        frame_id = (_free_id(frames, frame.frame_id if use_frame_id else None,
+                             "frame") or max(frames, default=0) + 1)
         added = Frame(frame_id, rig_id=frame.rig_id)
         for data_id in frame.data_ids:
             added.add_data_id(data_id)
@@ -448,22 +456,11 @@ def _find(items: Dict[int, Any], item_id: int, kind: str) -> Any:
     return items[item_id]
 
 
-def _new_id(items: Dict[int, Any], item_id: Optional[int], kind: str) -> int:
-    if item_id is None:
-        return max(items, default=0) + 1
+def _free_id(items: Dict[int, Any], item_id: Optional[int],
+             kind: str) -> Optional[int]:
     if item_id in items:
         raise InputError(f"the database has a {kind} {item_id}")
     return item_id
-
-
-def _check_next_id(items: Dict[int, Any], item_id: int, kind: str) -> None:
-    """The database assigns ids; another one is an error."""
-    next_id = max(items, default=0) + 1
-    if item_id != next_id:
-        raise InputError(
-            f"the next {kind} of the database gets the id {next_id}, not "
-            f"{item_id}: write them in the order of their ids, or without "
-            f"use_{kind}_id")
 
 
 class _Structure:

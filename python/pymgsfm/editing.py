@@ -7,7 +7,8 @@ contradict each other.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterable, List, Optional, Tuple, Union
+from typing import (Any, Dict, Iterable, Iterator, List, Optional, Tuple,
+                    Union)
 
 import numpy as np
 import numpy.typing as npt
@@ -227,9 +228,9 @@ class Editing:
         keeps_point = np.bincount(rows[keeps], minlength=len(lengths)) >= 2
         keeps = keeps & keeps_point[rows]
         deleted = self.points3D._track[~keeps]
-        for image_id in np.unique(deleted[:, 0]).tolist():
-            idxs = deleted[deleted[:, 0] == image_id, 1]
-            self.images[image_id].points2D.point3D_ids[idxs] = _NO_POINT
+        for image_id, rows in _by_image(deleted):
+            self.images[image_id].points2D.point3D_ids[
+                deleted[rows, 1]] = _NO_POINT
         self.points3D._replace(keeps_point, keeps)
         return len(deleted)
 
@@ -243,10 +244,7 @@ class Editing:
         track = points["track_elements"]
         xyz = np.repeat(points["xyz"], np.diff(points["track_offsets"]), axis=0)
         errors: FloatArray = np.full(len(track), np.inf)
-        order = np.argsort(track[:, 0], kind="stable")
-        image_ids, starts = np.unique(track[order, 0], return_index=True)
-        for image_id, rows in zip(image_ids.tolist(),
-                                  np.split(order, starts[1:])):
+        for image_id, rows in _by_image(track):
             image = _get(self.images, image_id, "image")
             if image.has_pose:
                 pixels = image.project_point(xyz[rows])
@@ -359,10 +357,7 @@ class Editing:
         expected = {i: np.full(len(image.points2D), _NO_POINT)
                     for i, image in self.images.items()}
         ids = np.repeat(points["point_ids"], np.diff(points["track_offsets"]))
-        order = np.argsort(track[:, 0], kind="stable")
-        image_ids, starts = np.unique(track[order, 0], return_index=True)
-        for image_id, rows in zip(image_ids.tolist(),
-                                  np.split(order, starts[1:])):
+        for image_id, rows in _by_image(track):
             image = _get(self.images, image_id, "image")
             if (track[rows, 1] >= len(image.points2D)).any():
                 raise InputError(f"image '{image.name}' lacks a keypoint of a "
@@ -379,6 +374,14 @@ class Editing:
         for frame in self.frames.values():
             for image_id in frame.image_ids:
                 _get(self.images, image_id, f"frame {frame.frame_id}: image")
+
+
+def _by_image(track: npt.NDArray[np.uint32]
+              ) -> Iterator[Tuple[int, npt.NDArray[np.int64]]]:
+    """The image ids in a track, each with its rows."""
+    order = np.argsort(track[:, 0], kind="stable")
+    image_ids, starts = np.unique(track[order, 0], return_index=True)
+    yield from zip(image_ids.tolist(), np.split(order, starts[1:]))
 
 
 def _get(items: Dict[int, Any], item_id: int, kind: str) -> Any:

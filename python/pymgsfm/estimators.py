@@ -248,6 +248,8 @@ def estimate_and_refine_generalized_absolute_pose(
         refinement_options: Any = None,
         return_covariance: bool = False) -> Estimate:
     """estimate_generalized_absolute_pose, then its refinement."""
+    refinement_options = _options(AbsolutePoseRefinementOptions,
+                                  refinement_options)
     estimate = estimate_generalized_absolute_pose(
         points2D, points3D, camera_idxs, cams_from_rig, cameras,
         estimation_options)

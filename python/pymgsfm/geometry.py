@@ -6,7 +6,7 @@ b_from_a maps coordinates in frame a to coordinates in frame b.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Optional, Union, overload
+from typing import NamedTuple, Union, overload
 
 import numpy as np
 import numpy.typing as npt

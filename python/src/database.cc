@@ -17,6 +17,7 @@
 #include "arrays.h"
 #include "bindings.h"
 #include "cameras.h"
+#include "database/database_rows.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"
@@ -316,20 +317,35 @@ void WriteDescriptors(OpenDatabase& self, uint32_t image_id,
                              rows.data(), rows.shape(0), rows.shape(1)));
 }
 
+template <class Id>
+std::optional<Id> CheckId(std::optional<uint32_t> id) {
+  if (!id) return std::nullopt;
+  if (*id < 1 || *id >= kMaxNumIds) {
+    throw Error("the id " + std::to_string(*id) + " is not in [1, 2^31 - 2]");
+  }
+  return Id(*id);
+}
+
 void BindRows(py::class_<OpenDatabase>* database) {
   database->def("read_structure", [](OpenDatabase& self) {
     return ToPython(self.Get().ReadStructure(Context()));
   });
-  database->def("add_camera", [](OpenDatabase& self, const py::tuple& row) {
-    return self.GetForWriting().AddCamera(ReadCamera(row)).value();
+  database->def("add_camera", [](OpenDatabase& self, const py::tuple& row,
+                                 std::optional<uint32_t> id) {
+    return self.GetForWriting()
+        .AddCamera(ReadCamera(row), CheckId<CameraId>(id))
+        .value();
   });
   database->def("update_camera", [](OpenDatabase& self, const py::tuple& row) {
     self.GetForWriting().UpdateCamera(ReadCamera(row));
   });
-  database->def("add_image", [](OpenDatabase& self, const std::string& name,
-                                uint32_t camera_id) {
-    return self.GetForWriting().AddImage(name, CameraId(camera_id)).value();
-  });
+  database->def("add_image",
+                [](OpenDatabase& self, const std::string& name,
+                   uint32_t camera_id, std::optional<uint32_t> id) {
+                  return self.GetForWriting()
+                      .AddImage(name, CameraId(camera_id), CheckId<ImageId>(id))
+                      .value();
+                });
   database->def("write_rigs_and_frames", [](OpenDatabase& self,
                                             const py::list& rigs,
                                             const py::list& frames) {
