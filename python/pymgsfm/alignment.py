@@ -129,8 +129,8 @@ def compare_reconstructions(
     errors = []
     for i, k in reconstruction1.find_common_reg_image_ids(reconstruction2):
         image = reconstruction1.images[i]
-        moved = transform.transform_camera_world(image.cam_from_world())
-        true = reconstruction2.images[k].cam_from_world()
+        moved = transform.transform_camera_world(image.cam_from_world)
+        true = reconstruction2.images[k].cam_from_world
         errors.append(ImageAlignmentError(
             image.name,
             float(np.rad2deg(moved.rotation.angle_to(true.rotation))),

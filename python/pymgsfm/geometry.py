@@ -151,6 +151,11 @@ class Rigid3d:
         """Views of an array (7,): quaternion x y z w, then translation."""
         return Rigid3d(Rotation3d(row[:4]), row[4:])
 
+    def __call__(self) -> "Rigid3d":
+        """Itself: image.cam_from_world is an attribute in pycolmap before 3.12
+        and a method since."""
+        return self
+
     def row(self) -> FloatArray:
         """(7,): quaternion x y z w, then translation."""
         return np.concatenate([self.rotation.quat, self.translation])

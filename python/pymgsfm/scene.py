@@ -303,19 +303,20 @@ class Image:
                 and self.frame.rig is not None
                 and self.frame.rig.sensor_from_rig(self.camera_id) is not None)
 
+    @property
     def cam_from_world(self) -> Rigid3d:
-        """sensor_from_rig * rig_from_world"""
+        """sensor_from_rig * rig_from_world; may also be called."""
         if self.frame is None or not self.has_pose:
             raise InputError(f"image '{self.name}' is not registered")
         return self.frame.sensor_from_world(self.camera_id)
 
     def projection_center(self) -> FloatArray:
         """(3,), in the world"""
-        return self.cam_from_world().inverse().translation
+        return self.cam_from_world.inverse().translation
 
     def viewing_direction(self) -> FloatArray:
         """(3,), unit vector in the world"""
-        direction: FloatArray = self.cam_from_world().rotation.matrix()[2]
+        direction: FloatArray = self.cam_from_world.rotation.matrix()[2]
         return direction
 
     def project_point(self, points: npt.ArrayLike) -> Any:
@@ -329,7 +330,7 @@ class Image:
         """
         if self.camera is None:
             raise InputError(f"image '{self.name}' has no camera")
-        return self.camera.img_from_cam(self.cam_from_world() * points)
+        return self.camera.img_from_cam(self.cam_from_world * points)
 
     def num_points2D(self) -> int:
         return len(self.points2D)

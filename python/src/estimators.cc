@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -77,6 +78,17 @@ Vector3d Row3(const ArrayIn<double>& array, size_t row) {
   return Vector3d(array.data(static_cast<py::ssize_t>(row), 0));
 }
 
+// The shape of CheckShape, and finite values.
+void CheckPoints(const ArrayIn<double>& array, const char* name,
+                 py::ssize_t num_rows, py::ssize_t num_columns) {
+  CheckShape(array, name, num_rows, num_columns);
+  for (py::ssize_t i = 0; i < array.size(); ++i) {
+    if (std::isfinite(array.data()[i])) continue;
+    throw Error(std::string(name) + ": row " + std::to_string(i / num_columns) +
+                " is not finite");
+  }
+}
+
 template <int kSize>
 Eigen::Matrix<double, kSize, kSize> ReadMatrix(const ArrayIn<double>& array,
                                                const char* name) {
@@ -94,8 +106,8 @@ Rigid3 ReadPoseArray(const ArrayIn<double>& row) {
 
 RayMatches ReadRayMatches(const ArrayIn<double>& rays1,
                           const ArrayIn<double>& rays2) {
-  CheckShape(rays1, "rays1", -1, 3);
-  CheckShape(rays2, "rays2", rays1.shape(0), 3);
+  CheckPoints(rays1, "rays1", -1, 3);
+  CheckPoints(rays2, "rays2", rays1.shape(0), 3);
   RayMatches matches;
   const auto size = static_cast<size_t>(rays1.shape(0));
   matches.Reserve(size);
@@ -308,8 +320,8 @@ py::object EstimateMatrix(const std::string& kind,
                           const ArrayIn<double>& pixels1,
                           const ArrayIn<double>& pixels2,
                           const py::dict& values) {
-  CheckShape(pixels1, "points2D1", -1, 2);
-  CheckShape(pixels2, "points2D2", pixels1.shape(0), 2);
+  CheckPoints(pixels1, "points2D1", -1, 2);
+  CheckPoints(pixels2, "points2D2", pixels1.shape(0), 2);
   Ransac ransac = ReadRansac(values);
   if (pixels1.shape(0) == 0) return py::none();
   const Matrix3d K1 = NarrowPinhole(pixels1), K2 = NarrowPinhole(pixels2);
@@ -363,7 +375,7 @@ struct View {
 
 // `camera` is (model, params, width, height, has_prior_focal_length).
 View ReadView(const py::tuple& camera, const ArrayIn<double>& pixels) {
-  CheckShape(pixels, "points", -1, 2);
+  CheckPoints(pixels, "points", -1, 2);
   const auto [model, params, width_px, height_px, has_prior] =
       py::cast<std::tuple<std::string, ArrayIn<double>, int, int, bool>>(
           camera);
@@ -436,8 +448,8 @@ py::tuple EstimateTwoViews(
 py::object Triangulate(const ArrayIn<double>& centers,
                        const ArrayIn<double>& rays, double max_error_rad,
                        double min_angle_rad) {
-  CheckShape(centers, "centers", -1, 3);
-  CheckShape(rays, "rays", centers.shape(0), 3);
+  CheckPoints(centers, "centers", -1, 3);
+  CheckPoints(rays, "rays", centers.shape(0), 3);
   std::vector<Vector3d> starts, directions;
   for (size_t i = 0; i < static_cast<size_t>(centers.shape(0)); ++i) {
     starts.push_back(Row3(centers, i));

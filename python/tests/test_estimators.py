@@ -254,6 +254,10 @@ def test_mistakes_are_named():
     with pytest.raises(pymgsfm.InputError, match="no option max_eror"):
         pymgsfm.estimate_fundamental_matrix(np.zeros((9, 2)), np.zeros((9, 2)),
                                             {"max_eror": 1.0})
+    points = np.zeros((9, 2))
+    points[4] = np.nan
+    with pytest.raises(pymgsfm.InputError, match="row 4 is not finite"):
+        pymgsfm.estimate_homography_matrix(points, points)
     with pytest.raises(pymgsfm.InputError, match="refine_focal_length"):
         pymgsfm.estimate_and_refine_absolute_pose(
             np.zeros((9, 2)), np.zeros((9, 3)), camera,
