@@ -90,10 +90,10 @@ class Editing:
         if not frame.rig.has_sensor(camera.camera_id):
             raise InputError(f"the rig of frame {frame.frame_id} has no camera "
                              f"{camera.camera_id}")
-        _add(self.images, image.image_id, image, "image")
+        _check_new(self.images, image.image_id, "image")
         if image.image_id not in frame.image_ids:
-            frame.image_ids.append(image.image_id)
-        frame.camera_ids[image.image_id] = camera.camera_id
+            frame.add_data_id(image.data_id)
+        self.images[image.image_id] = image
         image.camera, image.frame = camera, frame
 
     def add_image_with_trivial_frame(
@@ -371,6 +371,10 @@ class Editing:
                     f"keypoint {differ[0]} of image '{image.name}' and the "
                     "tracks disagree on its point; use add_observation and "
                     "delete_observation")
+        for rig in self.rigs.values():
+            if rig.sensors.get(rig.ref_camera_id) != Rigid3d():
+                raise InputError(f"rig {rig.rig_id}: the pose of the reference "
+                                 "sensor must be the identity")
         for frame in self.frames.values():
             for image_id in frame.image_ids:
                 _get(self.images, image_id, f"frame {frame.frame_id}: image")
@@ -392,11 +396,15 @@ def _get(items: Dict[int, Any], item_id: int, kind: str) -> Any:
 
 
 def _add(items: Dict[int, Any], item_id: int, item: Any, kind: str) -> None:
+    _check_new(items, item_id, kind)
+    items[item_id] = item
+
+
+def _check_new(items: Dict[int, Any], item_id: int, kind: str) -> None:
     if item_id in items:
         raise InputError(f"the model has a {kind} {item_id} already")
     if not 0 <= item_id < INVALID_ID:
         raise InputError(f"set {kind}_id before adding a {kind}")
-    items[item_id] = item
 
 
 class ObservationManager:

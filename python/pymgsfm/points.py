@@ -98,9 +98,9 @@ class Point3D:
     def __init__(self, xyz: npt.ArrayLike = (0.0, 0.0, 0.0),
                  color: npt.ArrayLike = (0, 0, 0), error: float = -1.0,
                  track: Optional[Track] = None) -> None:
-        row = _Row(xyz, color, error, (track or Track()).array)
-        self._find: Any = _Constant(row)
-        self._is_fixed = False
+        row = _Row(xyz, color, error, Track().array)
+        self._find: Any = lambda: row
+        self._track = track or Track()  # None: that of the model
 
     @property
     def xyz(self) -> FloatArray:
@@ -130,14 +130,12 @@ class Point3D:
 
     @property
     def track(self) -> Track:
-        return Track(self._find().track, is_fixed=self._is_fixed)
+        return self._track or Track(self._find().track, is_fixed=True)
 
     @track.setter
     def track(self, track: Track) -> None:
-        if self._is_fixed:
-            track._is_fixed = True
-            track._check_free()
-        self._find().track = track.array
+        self.track._check_free()
+        self._track = track
 
     def has_error(self) -> bool:
         return self.error >= 0.0
@@ -150,14 +148,6 @@ class Point3D:
         return f"Point3D(xyz={self.xyz.tolist()}, error={self.error:.3g})"
 
 
-class _Constant:
-    def __init__(self, row: _Row) -> None:
-        self._row = row
-
-    def __call__(self) -> _Row:
-        return self._row
-
-
 class Points3D(Mapping[int, Point3D]):
     """The points of a model by id, and as arrays.
 
@@ -168,7 +158,7 @@ class Points3D(Mapping[int, Point3D]):
       error: (N,) mean reprojection errors in pixels; -1: unknown.
 
     The arrays are those of the model until points or observations are added or
-    deleted; then there are new ones.
+    deleted; then there are new ones, and those taken earlier are read-only.
     """
 
     def __init__(self, arrays: Dict[str, Any]) -> None:
@@ -218,7 +208,7 @@ class Points3D(Mapping[int, Point3D]):
         self._find(point3D_id)
         point = Point3D.__new__(Point3D)
         point._find = lambda: self._find(point3D_id)
-        point._is_fixed = True
+        point._track = None  # type: ignore[assignment]
         return point
 
     def __contains__(self, point3D_id: object) -> bool:
@@ -295,6 +285,7 @@ class Points3D(Mapping[int, Point3D]):
                   - np.repeat(self._offsets[:-1], new_lengths[order]))
         self._track = track[np.repeat(starts[order], new_lengths[order])
                             + within]
+        self._retire()
         self._xyz = self._joined(self._xyz[stays],
                                  [row.xyz for _, row in rows])[order]
         self._color = self._joined(self._color[stays],
@@ -320,6 +311,7 @@ class Points3D(Mapping[int, Point3D]):
         self._track = self._track[keeps_observation]
         self._offsets = np.concatenate([[0], np.cumsum(lengths)]
                                        ).astype(np.int64)
+        self._retire()
         self._ids, self._xyz = self._ids[keeps_point], self._xyz[keeps_point]
         self._color = self._color[keeps_point]
         self._error = self._error[keeps_point]
@@ -330,13 +322,21 @@ class Points3D(Mapping[int, Point3D]):
         """The points of another model: with the ids of these, if they have the
         same tracks."""
         self._merge()
-        if not (np.array_equal(self._offsets, other._offsets)
+        if (np.array_equal(self._offsets, other._offsets)
                 and np.array_equal(self._track, other._track)):
-            self._ids, self._track = other.ids, other._track
-            self._offsets, self._num = other._offsets, len(other)
-            self._next_id = max(self._next_id, other._next_id)
-        self._xyz, self._color = other._xyz, other._color
-        self._error = other._error
+            self._xyz[:], self._error[:] = other._xyz, other._error
+            return
+        self._retire()
+        self._ids, self._xyz, self._color = other.ids, other._xyz, other._color
+        self._error, self._num = other._error, len(other)
+        self._track, self._offsets = other._track, other._offsets
+        self._next_id = max(self._next_id, other._next_id)
+
+    def _retire(self) -> None:
+        """Changes of arrays that are about to be replaced would be lost."""
+        arrays: List[Any] = [self._xyz, self._color, self._error]
+        for array in arrays:
+            array.flags.writeable = False
 
 
 class _View(NamedTuple):

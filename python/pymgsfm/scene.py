@@ -132,6 +132,9 @@ class Frame:
     def add_data_id(self, data_id: data_t) -> None:
         """Adds an image, by its data_id."""
         camera_id = camera_id_of(data_id.sensor_id)
+        if camera_id in self.camera_ids.values():
+            raise InputError(f"frame {self.frame_id} has an image of camera "
+                             f"{camera_id}")
         self.image_ids.append(data_id.id)
         self.camera_ids[data_id.id] = camera_id
 

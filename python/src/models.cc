@@ -269,6 +269,11 @@ Observation ReadObservation(const IndexedModel& model, uint32_t image_id,
     throw Error("image '" + image.name + "' has no keypoint " +
                 std::to_string(keypoint_idx));
   }
+  if (!model.reconstruction.IsRegistered(model.scene, image_idx)) {
+    throw Error("image '" + image.name +
+                "' observes points without a pose; call deregister_frame, or "
+                "set the poses of its frame and sensor");
+  }
   return {image_idx, static_cast<int>(keypoint_idx)};
 }
 

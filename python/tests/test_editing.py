@@ -110,6 +110,9 @@ class TestBuilding:
                     [0, 0, 1], [pymgsfm.TrackElement(11, 7)])),
                 ("wrong parameters", lambda: model.add_camera(
                     pymgsfm.Camera(3, "PINHOLE", 9, 9, [1.0]))),
+                ("has an image of camera 1", lambda: model.add_image(
+                    pymgsfm.Image("a.jpg", camera_id=1, image_id=99,
+                                  frame_id=1))),
                 ("no reference sensor", lambda: model.add_rig(
                     pymgsfm.Rig(3)))]:
             with pytest.raises(pymgsfm.InputError, match=match):
@@ -142,6 +145,20 @@ class TestEditing:
             edited.compute_num_observations())
         with pytest.raises(KeyError):
             edited.points3D[ids[0]]
+
+    def test_no_edit_is_lost(self, edited):
+        ids, xyz = edited.point3D_ids(), edited.points3D.xyz
+        point = edited.points3D[ids[5]]
+        edited.delete_point3D(ids[0])
+        point.xyz[:] = (7.0, 8.0, 9.0)
+        assert list(edited.points3D.xyz[4]) == [7.0, 8.0, 9.0]
+        with pytest.raises(ValueError, match="read-only"):
+            xyz[:] += 1.0
+        own = pymgsfm.Point3D([1, 2, 3])
+        own.track.add_element(1, 2)
+        assert own.track.elements == [(1, 2)]
+        with pytest.raises(pymgsfm.InputError, match="add_observation"):
+            point.track = own.track
 
     def test_edits_are_those_of_a_dict(self, edited):
         """Random edits, against tracks in a dict."""
@@ -195,6 +212,22 @@ class TestEditing:
         with pytest.raises(pymgsfm.InputError,
                            match=f"keypoint {idx} of image '{image.name}'"):
             edited.write(tmp_path / "model")
+        for match, spoil in [
+                ("observes points without a pose",
+                 lambda model: model.frames[2].reset_pose()),
+                ("observes points without a pose",
+                 lambda model: model.rigs[1].sensors.update({2: None})),
+                ("must be the identity", lambda model: model.rigs[1].sensors
+                 .update({1: model.rigs[1].sensors[2]})),
+                ("no image 11", lambda model: model.images.pop(11)),
+                ("lacks a keypoint", lambda model: setattr(
+                    model.images[11], "points2D", np.ones((1, 2)))),
+                ("no rig 5|lacks", lambda model: setattr(
+                    model.frames[1], "rig", pymgsfm.Rig(5)))]:
+            model = build_rig_model()
+            spoil(model)
+            with pytest.raises(pymgsfm.InputError, match=match):
+                model.write(tmp_path / "model")
         assert not (tmp_path / "model").exists()
 
 
