@@ -16,7 +16,8 @@ from ._core import version as __version__
 from .alignment import (ImageAlignmentError, align_reconstruction_to_locations,
                         align_reconstructions_via_proj_centers,
                         align_reconstructions_via_reprojections,
-                        compare_reconstructions)
+                        compare_reconstructions, estimate_rigid3d,
+                        estimate_sim3d)
 from .averaging import (ONE_CAMERA, Rotations, SensorState, Translations,
                         ViewGraph, average_rotations, average_translations)
 from .cameras import Camera, CameraModelId, SensorType, data_t, sensor_t
@@ -54,7 +55,6 @@ from .estimators import (AbsolutePoseEstimationOptions,
                          estimate_generalized_absolute_pose,
                          estimate_generalized_relative_pose,
                          estimate_homography_matrix, estimate_relative_pose,
-                         estimate_rigid3d, estimate_sim3d,
                          estimate_triangulation, estimate_two_view_geometry,
                          fundamental_matrix_estimation,
                          homography_matrix_estimation,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Alignment and comparison of models, with pycolmap's names.
 
-The transforms are those of model_aligner.
+The transforms of models are those of model_aligner.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from .commands import log_to_logging, run
 from .errors import InputError
-from .geometry import FloatArray, Sim3d
+from .geometry import FloatArray, Rigid3d, Sim3d
 from .options import Options
 from .reconstruction import Reconstruction
 
@@ -137,6 +137,40 @@ def compare_reconstructions(
             float(np.linalg.norm(moved.tgt_origin_in_src()
                                  - true.tgt_origin_in_src()))))
     return {"rec2_from_rec1": transform, "errors": errors}
+
+
+def estimate_sim3d(src: npt.ArrayLike, tgt: npt.ArrayLike) -> Optional[Sim3d]:
+    """tgt_from_src of points (N, 3), by least squares (Umeyama 1991).
+
+    None for fewer than three points or points on a line.
+    """
+    return _fit(src, tgt, True)
+
+
+def estimate_rigid3d(src: npt.ArrayLike, tgt: npt.ArrayLike
+                     ) -> Optional[Rigid3d]:
+    """estimate_sim3d with scale 1."""
+    fit = _fit(src, tgt, False)
+    return None if fit is None else Rigid3d(fit.rotation, fit.translation)
+
+
+def _fit(src: npt.ArrayLike, tgt: npt.ArrayLike,
+         has_scale: bool) -> Optional[Sim3d]:
+    x: FloatArray = np.asarray(src, dtype=np.float64)
+    y: FloatArray = np.asarray(tgt, dtype=np.float64)
+    if x.shape != y.shape or x.shape[1:] != (3,):
+        raise InputError("src and tgt must have the shape (N, 3)")
+    if len(x) < 3:
+        return None
+    x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
+    U, values, Vt = np.linalg.svd((y - y_mean).T @ (x - x_mean))
+    if not values[1] > 1e-12 * values[0]:
+        return None
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    scale = ((values * signs).sum() / ((x - x_mean) ** 2).sum()
+             if has_scale else 1.0)
+    R = (U * signs) @ Vt
+    return Sim3d(float(scale), R, y_mean - scale * R @ x_mean)
 
 
 def _align(model: Reconstruction, reference: Optional[Reconstruction],

@@ -12,8 +12,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 from dataclasses import dataclass, field
-from typing import (Any, Dict, List, Mapping, Optional, Sequence, Type,
-                    TypeVar)
+from typing import Any, Dict, Mapping, Optional, Sequence, Type, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from . import _core
 from .cameras import Camera
 from .errors import InputError
-from .geometry import FloatArray, Rigid3d, Sim3d
+from .geometry import FloatArray, Rigid3d
 from .options import OptionsLike, to_texts
 
 Estimate = Optional[Dict[str, Any]]
@@ -516,17 +515,18 @@ def estimate_triangulation(points: npt.ArrayLike,
     max_error = options.ransac.max_error
     if options.residual_type == TriangulationResidualType.REPROJECTION_ERROR:
         max_error *= float(np.mean(
-            [1.0 / camera.mean_focal_length() for camera in cameras]))
-    rays: List[FloatArray] = [np.full(3, np.nan)] * len(pixels)
+            [1.0 / camera.mean_focal_length() for camera in cameras] or [1.0]))
+    if not len(pixels) == len(cameras) == len(cams_from_world):
+        raise InputError("each point needs a camera and a pose")
+    rays, centers = np.full((2, len(pixels), 3), np.nan)
     for i, (camera, pose) in enumerate(zip(cameras, cams_from_world)):
         ray = camera.cam_ray_from_img(pixels[i])
         if ray is not None:
             rays[i] = pose.rotation.inverse() * ray
+            centers[i] = pose.tgt_origin_in_src()
     has_ray = np.isfinite(rays).all(axis=1)
-    found = _core.triangulate(
-        np.array([pose.tgt_origin_in_src() for pose in cams_from_world]
-                 )[has_ray], np.array(rays)[has_ray], max_error,
-        options.min_tri_angle)
+    found = _core.triangulate(centers[has_ray], rays[has_ray], max_error,
+                              options.min_tri_angle)
     if found is None:
         return None
     mask = np.zeros(len(pixels), dtype=bool)
@@ -541,43 +541,6 @@ def calculate_triangulation_angle(
     centers = np.array([proj_center1, proj_center2], dtype=np.float64)
     return float(_core.triangulation_angles(np.atleast_2d(point3D), centers,
                                             np.array([0, 2]))[0])
-
-
-# --------------------------------------------------------------- transforms
-
-
-def estimate_sim3d(src: npt.ArrayLike, tgt: npt.ArrayLike) -> Optional[Sim3d]:
-    """tgt_from_src of points (N, 3), by least squares (Umeyama 1991).
-
-    None for fewer than three points or points on a line.
-    """
-    return _fit(src, tgt, True)
-
-
-def estimate_rigid3d(src: npt.ArrayLike, tgt: npt.ArrayLike
-                     ) -> Optional[Rigid3d]:
-    """estimate_sim3d with scale 1."""
-    fit = _fit(src, tgt, False)
-    return None if fit is None else Rigid3d(fit.rotation, fit.translation)
-
-
-def _fit(src: npt.ArrayLike, tgt: npt.ArrayLike,
-         has_scale: bool) -> Optional[Sim3d]:
-    x: FloatArray = np.asarray(src, dtype=np.float64)
-    y: FloatArray = np.asarray(tgt, dtype=np.float64)
-    if x.shape != y.shape or x.shape[1:] != (3,):
-        raise InputError("src and tgt must have the shape (N, 3)")
-    if len(x) < 3:
-        return None
-    x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
-    U, values, Vt = np.linalg.svd((y - y_mean).T @ (x - x_mean))
-    if not values[1] > 1e-12 * values[0]:
-        return None
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    scale = ((values * signs).sum() / ((x - x_mean) ** 2).sum()
-             if has_scale else 1.0)
-    R = (U * signs) @ Vt
-    return Sim3d(float(scale), R, y_mean - scale * R @ x_mean)
 
 
 # Names of pycolmap before 3.11.

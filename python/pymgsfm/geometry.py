@@ -84,14 +84,6 @@ class Rotation3d:
         """The angle between two rotations in radians, between 0 and pi."""
         return (self.inverse() * other).angle()
 
-    def norm(self) -> float:
-        """The norm of the quaternion."""
-        return float(np.linalg.norm(self.quat))
-
-    def normalize(self) -> None:
-        """Scales the quaternion to unit norm."""
-        self.quat = self.quat / self.norm()
-
     @overload
     def __mul__(self, other: "Rotation3d") -> "Rotation3d": ...
     @overload

@@ -130,12 +130,6 @@ class Reconstruction(Editing):
     def exists_camera(self, camera_id: int) -> bool:
         return camera_id in self.cameras
 
-    def exists_rig(self, rig_id: int) -> bool:
-        return rig_id in self.rigs
-
-    def exists_frame(self, frame_id: int) -> bool:
-        return frame_id in self.frames
-
     def exists_image(self, image_id: int) -> bool:
         return image_id in self.images
 

@@ -245,8 +245,9 @@ def test_too_little_input_gives_none():
     assert pymgsfm.estimate_essential_matrix(two, two, camera, camera) is None
     assert pymgsfm.estimate_fundamental_matrix(two, two) is None
     assert pymgsfm.estimate_homography_matrix(two, two) is None
-    assert pymgsfm.estimate_triangulation(
-        two[:1], [pymgsfm.Rigid3d()], [camera]) is None
+    for num in (0, 1):
+        assert pymgsfm.estimate_triangulation(
+            two[:num], [pymgsfm.Rigid3d()] * num, [camera] * num) is None
 
 
 def test_mistakes_are_named():
@@ -262,6 +263,8 @@ def test_mistakes_are_named():
         pymgsfm.estimate_and_refine_absolute_pose(
             np.zeros((9, 2)), np.zeros((9, 3)), camera,
             refinement_options={"refine_focal_length": True})
+    with pytest.raises(pymgsfm.InputError, match="needs a camera"):
+        pymgsfm.estimate_triangulation(np.zeros((2, 2)), [], [camera])
     with pytest.raises(pymgsfm.InputError, match="points3D.*shape"):
         pymgsfm.estimate_absolute_pose(np.zeros((9, 2)), np.zeros((8, 3)),
                                        camera)
