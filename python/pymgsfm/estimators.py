@@ -465,7 +465,7 @@ def estimate_two_view_geometry(
         idxs = np.arange(len(np.asarray(points1)))
         matches = np.column_stack([idxs, idxs])
     return TwoViewGeometry._of_row(_core.estimate_two_views(
-        rows[0], points1, rows[1], points2, matches, to_texts(options), 0))
+        rows[0], points1, rows[1], points2, matches, to_texts(options)))
 
 
 def estimate_calibrated_two_view_geometry(

@@ -403,8 +403,7 @@ py::tuple EstimateTwoViews(
     const py::tuple& camera1, const ArrayIn<double>& pixels1,
     const py::tuple& camera2, const ArrayIn<double>& pixels2,
     const ArrayIn<uint32_t>& match_array,
-    const std::vector<std::pair<std::string, std::string>>& values,
-    uint64_t random_seed) {
+    const std::vector<std::pair<std::string, std::string>>& values) {
   const View view1 = ReadView(camera1, pixels1);
   const View view2 = ReadView(camera2, pixels2);
   CheckShape(match_array, "matches", -1, 2);
@@ -423,8 +422,7 @@ py::tuple EstimateTwoViews(
   }
   const ImagePair pair = [&] {
     const py::gil_scoped_release release;
-    return VerifyPair(view1.Get(), view2.Get(), matches, options,
-                      Random(random_seed));
+    return VerifyPair(view1.Get(), view2.Get(), matches, options, Random(0));
   }();
   std::vector<uint32_t> inliers;
   for (const Match& match : pair.matches) {
@@ -500,7 +498,7 @@ void BindEstimators(py::module_* module) {
               py::arg("pixels1"), py::arg("pixels2"), py::arg("ransac"));
   module->def("estimate_two_views", &EstimateTwoViews, py::arg("camera1"),
               py::arg("pixels1"), py::arg("camera2"), py::arg("pixels2"),
-              py::arg("matches"), py::arg("values"), py::arg("random_seed"));
+              py::arg("matches"), py::arg("values"));
   module->def("triangulate", &Triangulate, py::arg("centers"), py::arg("rays"),
               py::arg("max_error_rad"), py::arg("min_angle_rad"));
   module->def("triangulation_angles", &TriangulationAngles, py::arg("points"),

@@ -93,6 +93,24 @@ def test_the_same_input_gives_the_same_pose():
     assert first["cam_from_world"] == second["cam_from_world"]
 
 
+def test_options_of_ransac():
+    random, xyz, truth, camera = pinhole_pair()
+    pixels1 = project(camera, pymgsfm.Rigid3d(), xyz, random)
+    pixels2 = project(camera, truth, xyz, random)
+
+    def estimate(**options):
+        options = {"max_error": 1.5, "min_num_trials": 1, **options}
+        return pymgsfm.estimate_fundamental_matrix(pixels1, pixels2,
+                                                   options)["F"].tolist()
+
+    one, two, many = (estimate(max_num_trials=n) for n in (1, 2, 5000))
+    assert one != many and estimate(max_num_trials=1, random_seed=1) != one
+    assert estimate(confidence=0.0) == one
+    assert estimate(min_num_trials=5000) != many  # which stops earlier
+    # Two samples suffice at this inlier ratio: (1 - 0.999^7)^2 < 1 - 0.9999.
+    assert estimate(min_inlier_ratio=0.999) == two
+
+
 def test_essential_matrix():
     random, xyz, truth = some_scene()
     one, two = cameras()
