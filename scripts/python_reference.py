@@ -108,7 +108,7 @@ def describe(name):
     if not callable(item):
         return f"### `{name}`\n\n{code(repr(item))}\n"
     if item.__name__ not in (name, "InputError", "InternalError"):
-        return f"### `{name}`\n\nAnother name of `{item.__name__}`.\n"
+        return f"### `{name}`\n\nAnother name of `{item.__qualname__}`.\n"
     if inspect.isclass(item) and issubclass(item, enum.Enum):
         members = ", ".join(f"`{member.name}`" for member in item)
         return (f"### `{name}`\n\n{to_markdown(inspect.getdoc(item))}\n\n"

@@ -66,7 +66,8 @@ from .geometry import AlignedBox3d, Rigid3d, Rotation3d, Sim3d
 from .options import OptionGroup, OptionInfo, Options
 from .points import Point3D, Points3D, Track, TrackElement
 from .reconstruction import Reconstruction
-from .scene import INVALID_POINT3D_ID, Frame, Image, Point2D, Points2D, Rig
+from .scene import (INVALID_POINT3D_ID, Frame, Image, ListPoint2D, Point2D,
+                    Point2DList, Points2D, Rig)
 from .tools import (align_model, analyze_model, clean_database, convert_model,
                     crop_model, delete_images, join_models, merge_databases,
                     merge_models, split_model, undistort)
@@ -78,9 +79,9 @@ __all__ = [
     "Database", "DatabaseTransaction", "EstimateTriangulationOptions", "Frame",
     "GlobalPipelineOptions", "INVALID_POINT3D_ID", "Image",
     "ImageAlignmentError", "ImageReaderOptions", "IncrementalPipelineOptions",
-    "InputError", "InternalError", "NotSolvableError", "ONE_CAMERA",
-    "ObservationManager", "OptionGroup", "OptionInfo", "Options", "Point2D",
-    "Point3D", "Points2D", "Points3D", "PosePrior",
+    "InputError", "InternalError", "ListPoint2D", "NotSolvableError",
+    "ONE_CAMERA", "ObservationManager", "OptionGroup", "OptionInfo", "Options",
+    "Point2D", "Point2DList", "Point3D", "Points2D", "Points3D", "PosePrior",
     "PosePriorCoordinateSystem", "RANSACOptions", "Reconstruction", "Rig",
     "Rigid3d", "Rotation3d", "Rotations", "SensorState", "SensorType",
     "SiftExtractionOptions", "SiftMatchingOptions", "Sim3d", "Track",

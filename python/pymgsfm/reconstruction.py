@@ -103,6 +103,11 @@ class Reconstruction(Editing):
     def write_binary(self, path: PathLike) -> None:
         self.write(path)
 
+    def export_PLY(self, output_path: PathLike) -> None:  # noqa: N802
+        """Writes the points as .ply."""
+        from .tools import convert_model
+        convert_model(self, output_path, "ply")
+
     def to_pycolmap(self) -> Any:
         """The same model as a pycolmap.Reconstruction; needs pycolmap."""
         import pycolmap  # type: ignore[import]

@@ -233,6 +233,10 @@ class Points2D(Sequence[Point2D]):
                               != np.uint64(INVALID_POINT3D_ID))
 
 
+Point2DList = Points2D.of
+ListPoint2D = Points2D.of  # before 3.12
+
+
 class Image:
     """An image.
 

@@ -55,7 +55,8 @@ def build_rig_model():
         model.add_frame(frame)
         for image in images:
             model.add_image(image)
-            image.points2D = image.project_point(xyz)
+            image.points2D = pymgsfm.Point2DList(
+                [pymgsfm.Point2D(xy) for xy in image.project_point(xyz)])
     for k in range(2):
         model.add_point3D(xyz[k], pymgsfm.Track(
             pymgsfm.TrackElement(image_id, k) for image_id in model.images))
@@ -368,6 +369,6 @@ class TestAdjustment:
     def test_tools_take_models(self, edited, tmp_path):
         edited.delete_point3D(edited.point3D_ids()[0])
         assert str(edited.num_points3D()) in pymgsfm.analyze_model(edited)
-        pymgsfm.convert_model(edited, tmp_path / "points.ply", "ply")
+        edited.export_PLY(tmp_path / "points.ply")
         assert f"element vertex {edited.num_points3D()}".encode() in (
             tmp_path / "points.ply").read_bytes()
