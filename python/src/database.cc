@@ -30,12 +30,6 @@ namespace py = pybind11;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-py::object ToArrayOrNone(const std::optional<Matrix3d>& matrix) {
-  if (!matrix) return py::none();
-  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rows = *matrix;
-  return MakeArray(std::vector<double>(rows.data(), rows.data() + 9), 3);
-}
-
 std::optional<Matrix3d> ReadMatrixOrNone(const py::handle& value) {
   if (value.is_none()) return std::nullopt;
   const auto array = py::cast<ArrayIn<double>>(value);
@@ -44,31 +38,13 @@ std::optional<Matrix3d> ReadMatrixOrNone(const py::handle& value) {
       array.data());
 }
 
-py::object PoseOrNone(const std::optional<Rigid3>& pose) {
-  if (!pose) return py::none();
-  std::vector<double> row;
-  Append(*pose, &row);
-  return MakeArray(std::move(row));
-}
-
-std::optional<Rigid3> ReadPoseOrNone(const py::handle& value) {
-  if (value.is_none()) return std::nullopt;
-  const auto row = py::cast<ArrayIn<double>>(value);
-  CheckShape(row, "a pose", 7);
-  return ReadPose(row.data());
-}
-
-py::array_t<double> ToArray(const Vector3d& vector) {
-  return MakeArray(std::vector<double>(vector.data(), vector.data() + 3));
-}
-
 Vector3d ReadVector(const py::handle& value, const char* name) {
   const auto array = py::cast<ArrayIn<double>>(value);
   CheckShape(array, name, 3);
   return Vector3d(array.data());
 }
 
-py::array_t<uint32_t> ToArray(const std::vector<Match>& matches) {
+py::array_t<uint32_t> MatchesToArray(const std::vector<Match>& matches) {
   std::vector<uint32_t> rows;
   for (const Match& match : matches) {
     rows.push_back(match.keypoint_idx1);
@@ -138,7 +114,7 @@ py::dict ToPython(const DatabaseContents& contents) {
     for (const RigSensorRow& sensor : rig.sensors) {
       sensors.append(py::make_tuple(sensor.camera_id.value(),
                                     rig.ref_camera_id == sensor.camera_id,
-                                    PoseOrNone(sensor.sensor_from_rig)));
+                                    ToArrayOrNone(sensor.sensor_from_rig)));
     }
     rigs.append(py::make_tuple(rig.id.value(), sensors));
   }
@@ -166,7 +142,7 @@ std::vector<RigRow> ReadRigs(const py::list& rows) {
       const auto [camera_id, is_reference, pose] =
           py::cast<std::tuple<uint32_t, bool, py::object>>(sensor);
       if (is_reference) rig.ref_camera_id = CameraId(camera_id);
-      rig.sensors.push_back({CameraId(camera_id), ReadPoseOrNone(pose)});
+      rig.sensors.push_back({CameraId(camera_id), ReadOptionalPose(pose)});
     }
     if (!rig.ref_camera_id) {
       throw Error("rig " + std::to_string(id) +
@@ -254,8 +230,8 @@ py::object ReadGeometry(OpenDatabase& self, uint32_t id1, uint32_t id2) {
   if (!pair) return py::none();
   return py::make_tuple(static_cast<int>(pair->config), ToArrayOrNone(pair->F),
                         ToArrayOrNone(pair->E), ToArrayOrNone(pair->H),
-                        PoseOrNone(pair->cam2_from_cam1),
-                        ToArray(pair->matches));
+                        ToArrayOrNone(pair->cam2_from_cam1),
+                        MatchesToArray(pair->matches));
 }
 
 void WriteGeometry(OpenDatabase& self, uint32_t id1, uint32_t id2,
@@ -265,7 +241,7 @@ void WriteGeometry(OpenDatabase& self, uint32_t id1, uint32_t id2,
   pair.F = ReadMatrixOrNone(row[1]);
   pair.E = ReadMatrixOrNone(row[2]);
   pair.H = ReadMatrixOrNone(row[3]);
-  pair.cam2_from_cam1 = ReadPoseOrNone(row[4]);
+  pair.cam2_from_cam1 = ReadOptionalPose(row[4]);
   pair.matches = ReadMatchArray(py::cast<ArrayIn<uint32_t>>(row[5]));
   self.GetForWriting().WriteTwoViewGeometry(pair);
 }
@@ -274,11 +250,10 @@ void WriteGeometry(OpenDatabase& self, uint32_t id1, uint32_t id2,
 py::list ReadPriors(OpenDatabase& self) {
   py::list priors;
   for (const PosePriorRow& prior : self.Get().ReadPosePriors()) {
-    py::object gravity = py::none();
-    if (prior.gravity) gravity = ToArray(*prior.gravity);
     priors.append(py::make_tuple(
         prior.image_id.value(), static_cast<int>(prior.coordinate_system),
-        ToArray(prior.position), ToArrayOrNone(prior.covariance), gravity));
+        ToArray(prior.position), ToArrayOrNone(prior.covariance),
+        ToArrayOrNone(prior.gravity)));
   }
   return priors;
 }
@@ -391,10 +366,10 @@ void BindFeatures(py::class_<OpenDatabase>* database) {
   database->def("count_inlier_matches", [](OpenDatabase& self) {
     return CountPairs(self.Get().CountInlierMatches());
   });
-  database->def(
-      "read_matches", [](OpenDatabase& self, uint32_t id1, uint32_t id2) {
-        return ToArray(self.Get().ReadMatches(ImageId(id1), ImageId(id2)));
-      });
+  database->def("read_matches", [](OpenDatabase& self, uint32_t id1,
+                                   uint32_t id2) {
+    return MatchesToArray(self.Get().ReadMatches(ImageId(id1), ImageId(id2)));
+  });
   database->def("write_matches",
                 [](OpenDatabase& self, uint32_t id1, uint32_t id2,
                    const ArrayIn<uint32_t>& rows) {

@@ -119,24 +119,7 @@ RayMatches ReadRayMatches(const ArrayIn<double>& rays1,
 
 // ------------------------------------------------------------------ output
 
-py::array_t<double> ToArray(const Rigid3& pose) {
-  std::vector<double> row;
-  Append(pose, &row);
-  return MakeArray(std::move(row));
-}
-
-template <class Derived>
-py::array_t<double> ToArray(const Eigen::MatrixBase<Derived>& matrix) {
-  std::vector<double> values;
-  for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
-    for (Eigen::Index k = 0; k < matrix.cols(); ++k) {
-      values.push_back(matrix(i, k));
-    }
-  }
-  return MakeArray(std::move(values), matrix.cols() > 1 ? matrix.cols() : 0);
-}
-
-py::array_t<bool> ToArray(const Mask& mask) {
+py::array_t<bool> MaskToArray(const Mask& mask) {
   py::array_t<bool> array(static_cast<py::ssize_t>(mask.size()));
   std::copy(mask.begin(), mask.end(), array.mutable_data());
   return array;
@@ -207,7 +190,7 @@ py::object EstimatePose(const py::list& cameras,
   for (const std::vector<size_t>& rows : rig.rows) {
     for (const size_t row : rows) is_inlier[row] = errors[k++] <= 1.0;
   }
-  return py::make_tuple(ToArray(*pose), ToArray(is_inlier));
+  return py::make_tuple(ToArray(*pose), MaskToArray(is_inlier));
 }
 
 // (rig_from_world, covariance) or None. Errors are in pixels.
@@ -238,8 +221,9 @@ py::object EstimatePair(const ArrayIn<double>& rays1,
     return EstimateRelativePose(matches, ransac.ForSamplesOf(5), &random);
   }();
   if (!pose) return py::none();
-  return py::make_tuple(ToArray(*pose), ToArray(EssentialFromPose(*pose)),
-                        ToArray(FindInliers(matches, *pose, ransac.max_error)));
+  return py::make_tuple(
+      ToArray(*pose), ToArray(EssentialFromPose(*pose)),
+      MaskToArray(FindInliers(matches, *pose, ransac.max_error)));
 }
 
 // The pose of an essential matrix with the most points in front of both
@@ -264,7 +248,7 @@ py::tuple PoseFromEssential(const ArrayIn<double>& E,
     pose = candidate;
     best = is_in_front;
   }
-  return py::make_tuple(ToArray(pose), ToArray(best));
+  return py::make_tuple(ToArray(pose), MaskToArray(best));
 }
 
 // Matches of rigs, as tuples (camera_idx1, camera_idx2, rays1, rays2).
@@ -289,7 +273,7 @@ py::object EstimateRigPair(const ArrayIn<double>& cams_from_rig,
   if (!pose) return py::none();
   py::list masks;
   for (const UnitMatches& pair : pairs) {
-    masks.append(ToArray(FindUnitInliers(pair, *pose)));
+    masks.append(MaskToArray(FindUnitInliers(pair, *pose)));
   }
   return py::make_tuple(ToArray(*pose), masks);
 }
@@ -351,7 +335,8 @@ py::object EstimateMatrix(const std::string& kind,
       return IsFundamentalInlier(*F, ray1, ray2, max_error);
     });
     const Matrix3d in_pixels = inverse_K2.transpose() * *F * inverse_K1;
-    return py::make_tuple(ToArray(in_pixels.normalized()), ToArray(is_inlier));
+    return py::make_tuple(ToArray(in_pixels.normalized()),
+                          MaskToArray(is_inlier));
   }
   const auto H = EstimateHomography(matches, ransac.ForSamplesOf(4), &random);
   if (!H) return py::none();
@@ -360,7 +345,8 @@ py::object EstimateMatrix(const std::string& kind,
     return test.SquaredError(ray1, ray2) <= max_error * max_error;
   });
   const Matrix3d in_pixels = K2 * *H * inverse_K1;
-  return py::make_tuple(ToArray(in_pixels.normalized()), ToArray(is_inlier));
+  return py::make_tuple(ToArray(in_pixels.normalized()),
+                        MaskToArray(is_inlier));
 }
 
 // ----------------------------------------------------- two-view geometries
@@ -391,11 +377,6 @@ View ReadView(const py::tuple& camera, const ArrayIn<double>& pixels) {
         RayFromPixel(intrinsics.model, intrinsics.params.data(), pixel));
   }
   return view;
-}
-
-py::object OrNone(const std::optional<Matrix3d>& matrix) {
-  if (!matrix) return py::none();
-  return ToArray(*matrix);
 }
 
 // (config, F, E, H, cam2_from_cam1, inlier matches)
@@ -435,8 +416,8 @@ py::tuple EstimateTwoViews(
         pair.relative_pose->cam2_from_cam1,
         pair.relative_pose->translation_direction.value_or(Vector3d::Zero())});
   }
-  return py::make_tuple(static_cast<int>(pair.config), OrNone(pair.F),
-                        OrNone(pair.E), OrNone(pair.H), pose,
+  return py::make_tuple(static_cast<int>(pair.config), ToArrayOrNone(pair.F),
+                        ToArrayOrNone(pair.E), ToArrayOrNone(pair.H), pose,
                         MakeArray(std::move(inliers), 2));
 }
 
@@ -456,7 +437,7 @@ py::object Triangulate(const ArrayIn<double>& centers,
   const auto found =
       TriangulateRobust(starts, directions, {max_error_rad, min_angle_rad});
   if (!found) return py::none();
-  return py::make_tuple(ToArray(found->point), ToArray(found->is_inlier));
+  return py::make_tuple(ToArray(found->point), MaskToArray(found->is_inlier));
 }
 
 // The largest angle at each point between the rays to two of its centers,
