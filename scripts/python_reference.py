@@ -5,15 +5,20 @@
     PYTHONPATH=build/release/python scripts/python_reference.py
 """
 
+import enum
 import inspect
 import re
 
 import pymgsfm
 
 SECTIONS = [
-    ("Commands", "commands"), ("Tools", "tools"), ("Averaging", "averaging"),
-    ("Models", "reconstruction"), ("Transforms", "geometry"),
-    ("Options", "options"), ("Errors", "errors"),
+    ("Commands", "commands"), ("Tools", "tools"),
+    ("Commands by pycolmap's names", "dialect"), ("Averaging", "averaging"),
+    ("Models", "reconstruction"), ("Editing of models", "editing"),
+    ("Rigs, frames and images", "scene"), ("Points", "points"),
+    ("Cameras", "cameras"), ("Transforms", "geometry"),
+    ("Estimators", "estimators"), ("Alignment", "alignment"),
+    ("Databases", "database"), ("Options", "options"), ("Errors", "errors"),
 ]
 
 
@@ -83,8 +88,12 @@ def signature(item, name):
 
 
 def own_methods(cls):
-    """The public methods and properties that the class itself defines."""
-    for name, member in vars(cls).items():
+    """The public methods and properties that the class or a base of it that is
+    not public defines."""
+    bases = [base for base in cls.__mro__ if base is cls or (
+        base.__module__.startswith("pymgsfm.")
+        and base.__name__ not in pymgsfm.__all__)]
+    for name, member in [item for base in bases for item in vars(base).items()]:
         if name.startswith("_"):
             continue
         if isinstance(member, property):
@@ -98,6 +107,12 @@ def describe(name):
     item = getattr(pymgsfm, name)
     if not callable(item):
         return f"### `{name}`\n\n{code(repr(item))}\n"
+    if item.__name__ not in (name, "InputError", "InternalError"):
+        return f"### `{name}`\n\nAnother name of `{item.__qualname__}`.\n"
+    if inspect.isclass(item) and issubclass(item, enum.Enum):
+        members = ", ".join(f"`{member.name}`" for member in item)
+        return (f"### `{name}`\n\n{to_markdown(inspect.getdoc(item))}\n\n"
+                f"Values: {members}\n")
     text = f"### `{name}`\n\n{code(signature(item, name))}\n"
     text += f"\n{to_markdown(inspect.getdoc(item) or '')}\n"
     if inspect.isclass(item) and not issubclass(item, Exception):

@@ -21,19 +21,21 @@ exception, the run ends without output and the exception propagates.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
 import tempfile
 from pathlib import Path
-from typing import Any, Callable, Dict, Optional, Sequence, Union
+from typing import Any, Callable, Dict, Optional, Sequence, Union, overload
 
 from . import _core
 from .errors import NotSolvableError
-from .options import OptionsLike, to_texts
+from .options import OptionsLike, to_texts, with_group_name
 from .reconstruction import Reconstruction
 
 PathLike = Union[str, "os.PathLike[str]"]
+Model = Union[PathLike, Reconstruction]
 Log = Callable[[str, str], object]
 Progress = Callable[[str, int, int], object]
 
@@ -52,11 +54,19 @@ def run(command: str, options: OptionsLike = None, *,
         **values: Any) -> Any:
     """Runs any command by its name, as `mgsfm COMMAND` does.
 
-    Keywords are options, too. Returns the printed result, as a dict if the
-    command has one for programs, else as a str; None if it prints nothing.
+    Keywords are options, too; a Reconstruction stands for a folder with it.
+    Returns the printed result, as a dict if the command has one for programs,
+    else as a str; None if it prints nothing.
     """
-    exit_code, json_text, text, message = _core.run_command(
-        command, to_texts(options, values), log or log_to_logging, progress)
+    with contextlib.ExitStack() as scratch:
+        for name, value in values.items():
+            if isinstance(value, Reconstruction):
+                values[name] = scratch.enter_context(
+                    tempfile.TemporaryDirectory())
+                value.write(values[name])
+        exit_code, json_text, text, message = _core.run_command(
+            command, to_texts(with_group_name(options), values),
+            log or log_to_logging, progress)
     if exit_code != 0:
         raise NotSolvableError(message or f"{command} estimated nothing")
     return json.loads(json_text) if json_text else text or None
@@ -64,14 +74,25 @@ def run(command: str, options: OptionsLike = None, *,
 
 def extract_features(database_path: PathLike, image_path: PathLike,
                      options: OptionsLike = None, *,
+                     image_names: Optional[Sequence[str]] = None,
                      log: Optional[Log] = None,
                      progress: Optional[Progress] = None) -> None:
     """Extracts SIFT features of the images in a folder into a database.
 
     Images that have features in the database are skipped.
+
+    Args:
+      options: Of the command feature_extractor.
+      image_names: Only these images; None: all.
     """
-    run("feature_extractor", options, log=log, progress=progress,
-        database_path=database_path, image_path=image_path)
+    with tempfile.TemporaryDirectory() as scratch:
+        values: Dict[str, Any] = {}
+        if image_names is not None:
+            values["image_list_path"] = Path(scratch) / "names.txt"
+            values["image_list_path"].write_text(
+                "".join(f"{name}\n" for name in image_names), encoding="utf-8")
+        run("feature_extractor", options, log=log, progress=progress,
+            database_path=database_path, image_path=image_path, **values)
 
 
 def import_features(database_path: PathLike, import_path: PathLike,
@@ -212,10 +233,10 @@ def incremental_mapping(database_path: PathLike,
 
 
 def extend(database_path: PathLike, image_path: Optional[PathLike],
-           input_path: PathLike, output_path: PathLike,
+           input_path: Model, output_path: PathLike,
            options: OptionsLike = None, *, log: Optional[Log] = None,
            progress: Optional[Progress] = None) -> Reconstruction:
-    """Adds the frames of a database that the model at input_path lacks.
+    """Adds the frames of a database that the model input_path lacks.
 
     Writes the model to the folder 0 of output_path, and returns it.
     """
@@ -264,43 +285,78 @@ def automatic_reconstruction(workspace_path: PathLike,
     return read_models(Path(workspace_path) / "sparse")
 
 
-def bundle_adjustment(model: Union[PathLike, Reconstruction],
-                      options: OptionsLike = None,
+def bundle_adjustment(model: Model, options: OptionsLike = None,
                       output_path: Optional[PathLike] = None, *,
                       log: Optional[Log] = None,
                       progress: Optional[Progress] = None) -> Reconstruction:
     """Refines a model: frame poses, rig extrinsics, points.
 
     Args:
-      model: The folder of a model, or a model in memory, which stays unchanged.
+      model: A model in memory, which is changed, or the folder of a model.
+        Points keep their ids, unless the option retriangulate makes new ones.
       options: Of the command bundle_adjuster.
       output_path: Folder for the adjusted model; None: nothing is written.
+
+    Returns the adjusted model: that in memory if one was given.
     """
     with tempfile.TemporaryDirectory() as scratch:
-        if isinstance(model, Reconstruction):
-            input_path: PathLike = Path(scratch) / "input"
-            model.write(input_path)
-        else:
-            input_path = model
         target = output_path or Path(scratch) / "output"
         run("bundle_adjuster", options, log=log, progress=progress,
-            input_path=input_path, output_path=target)
-        return Reconstruction(target)
+            input_path=model, output_path=target)
+        adjusted = Reconstruction(target)
+    if not isinstance(model, Reconstruction):
+        return adjusted
+    model._take_over(adjusted)
+    return model
 
 
+@overload
 def triangulate_points(database_path: PathLike,
-                       image_path: Optional[PathLike], input_path: PathLike,
+                       image_path: Optional[PathLike], input_path: Model,
                        output_path: PathLike, options: OptionsLike = None, *,
                        log: Optional[Log] = None,
-                       progress: Optional[Progress] = None) -> Reconstruction:
-    """Triangulates the points of a model whose poses stay fixed."""
-    run("point_triangulator", options, log=log, progress=progress,
-        database_path=database_path, image_path=image_path,
-        input_path=input_path, output_path=output_path)
-    return Reconstruction(output_path)
+                       progress: Optional[Progress] = None
+                       ) -> Reconstruction: ...
+@overload
+def triangulate_points(reconstruction: Reconstruction, database_path: PathLike,
+                       image_path: Optional[PathLike], output_path: PathLike,
+                       options: OptionsLike = None, *,
+                       log: Optional[Log] = None,
+                       progress: Optional[Progress] = None
+                       ) -> Reconstruction: ...
 
 
-def evaluate(input_path: PathLike, gt_path: Optional[PathLike] = None,
+def triangulate_points(*paths: Any, log: Optional[Log] = None,
+                       progress: Optional[Progress] = None,
+                       **keywords: Any) -> Reconstruction:
+    """Triangulates the points of a model whose poses stay fixed.
+
+    Args:
+      database_path: COLMAP database; it is only read.
+      image_path: Folder of the images, to color points; None: black points.
+      input_path: The model, as a folder or in memory.
+      output_path: Folder for the model with points.
+      options: Of the command point_triangulator.
+
+    pycolmap's order is accepted, too: a Reconstruction first.
+    """
+    names = ["database_path", "image_path", "input_path", "output_path",
+             "options"]
+    if "reconstruction" in keywords or (
+            paths and isinstance(paths[0], Reconstruction)):
+        names = ["reconstruction", "database_path", "image_path", "output_path",
+                 "options"]
+    values = {**dict(zip(names, paths)), **keywords}
+    if set(values) | {"options"} != set(names) or len(paths) > len(names):
+        raise TypeError("triangulate_points() takes " + ", ".join(names))
+    options = values.pop("options", None)
+    values["input_path"] = values.pop("reconstruction",
+                                      values.get("input_path"))
+    run("point_triangulator", options, log=log, progress=progress, **values)
+    return Reconstruction(values["output_path"])
+
+
+def evaluate(input_path: Model, gt_path: Optional[PathLike] = None,
              options: OptionsLike = None, *,
              log: Optional[Log] = None) -> Dict[str, Any]:
     """Compares a model with true poses or a true rig.
@@ -321,7 +377,7 @@ def simulate(output_path: PathLike, options: OptionsLike = None, *,
         output_path=output_path)
 
 
-def report(input_path: PathLike, output_path: PathLike,
+def report(input_path: Model, output_path: PathLike,
            options: OptionsLike = None, *, log: Optional[Log] = None,
            progress: Optional[Progress] = None) -> None:
     """Writes an HTML page to inspect a model."""

@@ -133,6 +133,13 @@ class Options(OptionGroup):
 OptionsLike = Union[OptionGroup, Mapping[str, Any], None]
 
 
+def with_group_name(options: OptionsLike) -> OptionsLike:
+    """The options of a group of a command by their names in the command."""
+    if isinstance(options, OptionGroup) and options._prefix:
+        return {options._prefix[:-1]: options.changed()}
+    return options
+
+
 def _restore(kind: Any, command: str, prefix: str,
              values: Mapping[str, OptionValue]) -> Any:
     group = kind(command, prefix=prefix)

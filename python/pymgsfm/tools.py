@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tools for finished models and for databases.
 
-They take and write folders and files, as the commands do. Options, errors and
-messages are those of the other commands.
+They take models as folders or in memory, and write folders and files, as the
+commands do. Options, errors and messages are those of the other commands.
 """
 
 from __future__ import annotations
 
 from typing import Dict, Optional, Sequence, Union
 
-from .commands import Log, PathLike, Progress, read_models, run
+from .commands import Log, Model, PathLike, Progress, read_models, run
 from .options import OptionsLike
 from .reconstruction import Reconstruction
 
 
-def undistort(image_path: PathLike, input_path: PathLike,
+def undistort(image_path: PathLike, input_path: Model,
               output_path: PathLike, options: OptionsLike = None, *,
               log: Optional[Log] = None,
               progress: Optional[Progress] = None) -> None:
@@ -27,7 +27,7 @@ def undistort(image_path: PathLike, input_path: PathLike,
         image_path=image_path, input_path=input_path, output_path=output_path)
 
 
-def align_model(input_path: PathLike, output_path: PathLike,
+def align_model(input_path: Model, output_path: PathLike,
                 options: OptionsLike = None, *,
                 log: Optional[Log] = None) -> Reconstruction:
     """Moves a model to positions, to another model or to the ground plane
@@ -37,7 +37,7 @@ def align_model(input_path: PathLike, output_path: PathLike,
     return Reconstruction(output_path)
 
 
-def merge_models(input_path1: PathLike, input_path2: PathLike,
+def merge_models(input_path1: Model, input_path2: Model,
                  output_path: PathLike, options: OptionsLike = None, *,
                  log: Optional[Log] = None) -> Reconstruction:
     """Merges two models of one database; keeps the world of the first
@@ -47,7 +47,7 @@ def merge_models(input_path1: PathLike, input_path2: PathLike,
     return Reconstruction(output_path)
 
 
-def split_model(input_path: PathLike, output_path: PathLike,
+def split_model(input_path: Model, output_path: PathLike,
                 options: OptionsLike = None, *, log: Optional[Log] = None,
                 progress: Optional[Progress] = None
                 ) -> Dict[int, Reconstruction]:
@@ -79,7 +79,7 @@ def join_models(input_path: PathLike, output_path: PathLike,
     return read_models(output_path)
 
 
-def crop_model(input_path: PathLike, output_path: PathLike,
+def crop_model(input_path: Model, output_path: PathLike,
                boundary: Union[str, Sequence[float]],
                options: OptionsLike = None, *,
                log: Optional[Log] = None) -> Reconstruction:
@@ -95,7 +95,7 @@ def crop_model(input_path: PathLike, output_path: PathLike,
     return Reconstruction(output_path)
 
 
-def delete_images(input_path: PathLike, output_path: PathLike,
+def delete_images(input_path: Model, output_path: PathLike,
                   options: OptionsLike = None, *,
                   log: Optional[Log] = None) -> Reconstruction:
     """Deletes images from a model (image_deleter).
@@ -107,7 +107,7 @@ def delete_images(input_path: PathLike, output_path: PathLike,
     return Reconstruction(output_path)
 
 
-def convert_model(input_path: PathLike, output_path: PathLike,
+def convert_model(input_path: Model, output_path: PathLike,
                   output_type: str = "bin", options: OptionsLike = None, *,
                   log: Optional[Log] = None) -> None:
     """Converts a model from or to another format (model_converter;
@@ -123,7 +123,7 @@ def convert_model(input_path: PathLike, output_path: PathLike,
         output_path=output_path, output_type=output_type)
 
 
-def analyze_model(path: PathLike, options: OptionsLike = None, *,
+def analyze_model(path: Model, options: OptionsLike = None, *,
                   log: Optional[Log] = None) -> str:
     """The text with statistics of a model that model_analyzer prints."""
     return str(run("model_analyzer", options, log=log, path=path))

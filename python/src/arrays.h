@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -85,6 +86,37 @@ inline void Append(const Eigen::Quaterniond& rotation,
 inline void Append(const Rigid3& pose, std::vector<double>* row) {
   Append(pose.rotation, row);
   Append(pose.translation, row);
+}
+
+inline pybind11::array_t<double> ToArray(const Rigid3& pose) {
+  std::vector<double> row;
+  Append(pose, &row);
+  return MakeArray(std::move(row));
+}
+
+// A matrix by rows, or a vector.
+template <class Derived>
+pybind11::array_t<double> ToArray(const Eigen::MatrixBase<Derived>& matrix) {
+  std::vector<double> values;
+  for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
+    for (Eigen::Index k = 0; k < matrix.cols(); ++k) {
+      values.push_back(matrix(i, k));
+    }
+  }
+  return MakeArray(std::move(values), matrix.cols() > 1 ? matrix.cols() : 0);
+}
+
+template <class T>
+pybind11::object ToArrayOrNone(const std::optional<T>& value) {
+  if (!value) return pybind11::none();
+  return ToArray(*value);
+}
+
+inline std::optional<Rigid3> ReadOptionalPose(const pybind11::handle& pose) {
+  if (pose.is_none()) return std::nullopt;
+  const auto row = pybind11::cast<ArrayIn<double>>(pose);
+  CheckShape(row, "a pose", 7);
+  return ReadPose(row.data());
 }
 
 }  // namespace mgsfm::python

@@ -40,22 +40,14 @@ py::list CamerasToPython(const std::vector<Camera>& cameras) {
   return list;
 }
 
-py::array_t<double> PoseToPython(const Rigid3& pose) {
-  std::vector<double> row;
-  Append(pose, &row);
-  return MakeArray(std::move(row));
-}
-
 py::list RigsToPython(const std::vector<RigRow>& rigs) {
   py::list list;
   for (const RigRow& rig : rigs) {
     py::list sensors;
     for (const RigSensorRow& sensor : rig.sensors) {
-      py::object pose = py::none();
-      if (sensor.sensor_from_rig) pose = PoseToPython(*sensor.sensor_from_rig);
       sensors.append(py::make_tuple(sensor.camera_id.value(),
                                     rig.ref_camera_id == sensor.camera_id,
-                                    pose));
+                                    ToArrayOrNone(sensor.sensor_from_rig)));
     }
     list.append(py::make_tuple(rig.id.value(), sensors));
   }
@@ -68,7 +60,7 @@ py::list FramesToPython(const std::vector<ModelFrame>& frames) {
     py::list images;
     for (const ImageId id : frame.image_ids) images.append(id.value());
     list.append(py::make_tuple(frame.id.value(), frame.rig_id.value(),
-                               PoseToPython(frame.rig_from_world), images));
+                               ToArray(frame.rig_from_world), images));
   }
   return list;
 }
@@ -158,13 +150,6 @@ int IndexOf(const std::map<uint32_t, int>& indices, uint32_t id,
                 ", which it lacks");
   }
   return found->second;
-}
-
-std::optional<Rigid3> ReadOptionalPose(const py::handle& pose) {
-  if (pose.is_none()) return std::nullopt;
-  const auto array = py::cast<ArrayIn<double>>(pose);
-  CheckShape(array, "a pose", 7);
-  return ReadPose(array.data());
 }
 
 void AddCameras(const py::dict& arrays, IndexedModel* model) {
@@ -268,6 +253,11 @@ Observation ReadObservation(const IndexedModel& model, uint32_t image_id,
   if (keypoint_idx >= image.keypoints_px.size()) {
     throw Error("image '" + image.name + "' has no keypoint " +
                 std::to_string(keypoint_idx));
+  }
+  if (!model.reconstruction.IsRegistered(model.scene, image_idx)) {
+    throw Error("image '" + image.name +
+                "' observes points without a pose; call deregister_frame, or "
+                "set the poses of its frame and sensor");
   }
   return {image_idx, static_cast<int>(keypoint_idx)};
 }

@@ -45,7 +45,10 @@ PYBIND11_MODULE(_core, module) {
                                                PyExc_RuntimeError)
       .doc() = "A defect of mgsfm.";
   py::register_exception_translator(TranslateSystemErrors);
+  mgsfm::python::BindCameras(&module);
   mgsfm::python::BindCommands(&module);
+  mgsfm::python::BindDatabase(&module);
+  mgsfm::python::BindEstimators(&module);
   mgsfm::python::BindModels(&module);
   mgsfm::python::BindStages(&module);
 }

@@ -48,17 +48,10 @@ RotationsIn ReadRotations(const py::dict& arrays, const char* key,
   return rotations;
 }
 
-std::optional<Rigid3> ReadSensorPose(const py::handle& pose) {
-  if (pose.is_none()) return std::nullopt;
-  const auto row = py::cast<ArrayIn<double>>(pose);
-  CheckShape(row, "sensor_from_rig", 7);
-  return ReadPose(row.data());
-}
-
 void CheckReference(const py::list& sensor_from_rig) {
   const auto pose = sensor_from_rig.empty()
                         ? std::nullopt
-                        : ReadSensorPose(sensor_from_rig[0]);
+                        : ReadOptionalPose(sensor_from_rig[0]);
   if (!pose || pose->translation != Vector3d::Zero() ||
       !pose->rotation.isApprox(Quaterniond::Identity())) {
     throw Error(
@@ -78,7 +71,7 @@ Scene MakeRigScene(const py::list& sensor_from_rig) {
   for (size_t s = 0; s < sensor_from_rig.size(); ++s) {
     rig.sensor_idxs.push_back(static_cast<int>(s));
     scene.sensors.push_back(
-        {std::to_string(s), 0, 0, ReadSensorPose(sensor_from_rig[s])});
+        {std::to_string(s), 0, 0, ReadOptionalPose(sensor_from_rig[s])});
   }
   scene.rigs.push_back(std::move(rig));
   return scene;

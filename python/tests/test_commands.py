@@ -86,6 +86,12 @@ class TestSameBytesAsTheProgram:
         assert (read_files(tmp_path / "program")
                 == read_files(tmp_path / "python"))
         assert model.num_points3D() > 100
+        same = pymgsfm.triangulate_points(  # in pycolmap's order
+            pymgsfm.Reconstruction(sparse / "0"), drive / "database.db", None,
+            tmp_path / "in_memory")
+        assert (same.points3D.xyz == model.points3D.xyz).all()
+        with pytest.raises(TypeError, match="database_path"):
+            pymgsfm.triangulate_points(drive / "database.db")
 
     def test_evaluate(self, drive, sparse, tmp_path):
         errors = pymgsfm.evaluate(sparse / "0", drive / "truth")

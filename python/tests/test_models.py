@@ -78,6 +78,7 @@ def test_images(model, sparse):
         sign = np.sign(np.dot(pose.rotation.quat, quat))
         np.testing.assert_allclose(sign * pose.rotation.quat, quat, atol=1e-14)
         np.testing.assert_allclose(pose.translation, t, atol=1e-12)
+        assert image.cam_from_world == pose  # as in pycolmap before 3.12
         np.testing.assert_allclose(
             pose * image.projection_center(), 0.0, atol=1e-12)
         assert (image.camera_id, image.name) == (camera_id, name)

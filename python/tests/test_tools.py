@@ -152,6 +152,10 @@ def test_undistort(tmp_path):
                for camera in views.cameras.values())
     for image in views.images.values():
         assert (tmp_path / "dense" / "images" / image.name).exists()
+    pymgsfm.undistort_images(tmp_path / "same", frame, RENDERED / "images",
+                             output_type="gaussian_splatting")
+    assert (pymgsfm.Reconstruction(tmp_path / "same" / "sparse" / "0")
+            .summary() == views.summary())
 
 
 def test_split_images_names_what_is_missing(tmp_path):
@@ -210,14 +214,22 @@ def test_build_vocab_tree(tmp_path):
         for path in sorted((RENDERED / "images" / sensor).iterdir())[:4]:
             shutil.copy(path, images / sensor)
     database, tree = tmp_path / "database.db", tmp_path / "tree.bin"
-    pymgsfm.extract_features(database, images,
-                             {"SiftExtraction.max_num_features": 500})
+    options = pymgsfm.SiftExtractionOptions(max_num_features=500)
+    names = [f"front_left/{path.name}"
+             for path in (images / "front_left").iterdir()]
+    pymgsfm.extract_features(database, images, options, image_names=names)
+    with pymgsfm.Database.open(database) as rows:
+        assert {image.name for image in rows.read_all_images()} == set(names)
+    pymgsfm.extract_features(database, images, options)
     pymgsfm.build_vocab_tree(database, tree, {"num_visual_words": 256})
     pymgsfm.match_vocab_tree(database, {"VocabTree": {"vocab_tree_path": tree}})
-    with sqlite3.connect(database) as rows:
-        assert rows.execute(
-            "SELECT COUNT(*) FROM two_view_geometries WHERE rows > 0"
-        ).fetchone() >= (6,)
+    with pymgsfm.Database.open(database) as rows:
+        num_pairs = rows.num_verified_image_pairs()
+        assert num_pairs >= 6
+    pymgsfm.clean_database(database, "matches")
+    pymgsfm.match_vocabtree(database, {"VocabTree": {"vocab_tree_path": tree}})
+    with pymgsfm.Database.open(database) as rows:
+        assert rows.num_verified_image_pairs() == num_pairs
 
 
 def test_a_function_for_every_command():

@@ -133,10 +133,13 @@ class FeatureDatabase {
 
   // ------------------------------------------------------------ writing
 
-  // Assigns a new id; that of the argument is ignored.
-  CameraId AddCamera(const Camera& camera);
+  // Assign a new id unless one is given, which must be free; the id in `camera`
+  // is ignored.
+  CameraId AddCamera(const Camera& camera,
+                     std::optional<CameraId> id = std::nullopt);
   void UpdateCamera(const Camera& camera);
-  ImageId AddImage(const std::string& name, CameraId camera_id);
+  ImageId AddImage(const std::string& name, CameraId camera_id,
+                   std::optional<ImageId> id = std::nullopt);
   void SetImageCamera(ImageId image_id, CameraId camera_id);
 
   // These replace an existing row.

@@ -446,11 +446,13 @@ std::vector<PosePriorRow> FeatureDatabase::ReadPosePriors() const {
 
 // -------------------------------------------------------------- writing
 
-CameraId FeatureDatabase::AddCamera(const Camera& camera) {
+CameraId FeatureDatabase::AddCamera(const Camera& camera,
+                                    std::optional<CameraId> id) {
   SqliteStatement row = impl_->file().Prepare(
-      "INSERT INTO cameras (model, width, height, params, prior_focal_length) "
-      "VALUES (?1, ?2, ?3, ?4, ?5)");
-  RunWithCamera(camera, std::nullopt, &row);
+      "INSERT INTO cameras (model, width, height, params, prior_focal_length" +
+      std::string(id ? ", camera_id) VALUES (?1, ?2, ?3, ?4, ?5, ?6)"
+                     : ") VALUES (?1, ?2, ?3, ?4, ?5)"));
+  RunWithCamera(camera, id, &row);
   return CameraId(impl_->LastId());
 }
 
@@ -461,7 +463,16 @@ void FeatureDatabase::UpdateCamera(const Camera& camera) {
   RunWithCamera(camera, camera.id, &row);
 }
 
-ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id) {
+ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id,
+                                  std::optional<ImageId> id) {
+  if (id) {
+    impl_->file()
+        .Prepare(
+            "INSERT INTO images (name, camera_id, image_id) "
+            "VALUES (?1, ?2, ?3)")
+        .Run(name, camera_id, *id);
+    return *id;
+  }
   impl_->file()
       .Prepare("INSERT INTO images (name, camera_id) VALUES (?1, ?2)")
       .Run(name, camera_id);
