@@ -32,8 +32,12 @@ TEST(LoopClosure, ADriftedCircleIsClosed) {
   const IncrementalOptions options{resection, bundle_adjustment, track_options,
                                    selection};
   const Context context;
-  GrowthInput input{
-      {scene, bearings, simulation.view_graph}, options, context, tracks, {}};
+  const Mask all_pairs(simulation.view_graph.pairs.size(), true);
+  GrowthInput input{{scene, bearings, simulation.view_graph, all_pairs},
+                    options,
+                    context,
+                    tracks,
+                    {}};
   input.keypoints.resize(scene.images.size());
   for (size_t t = 0; t < tracks.size(); ++t) {
     for (const Observation* o = tracks.begin(t); o != tracks.end(t); ++o) {
