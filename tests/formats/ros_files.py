@@ -168,7 +168,7 @@ def bag_connection(number, topic, kind):
 
 
 def write_ros1_bag(path, messages, compression="none", chunk_size=4,
-                   codec=None):
+                   codec=None, header_size=4096):
     """Returns the place of each chunk."""
     topics = topics_of(messages)
     head = b"#ROSBAG V2.0\n"
@@ -186,7 +186,7 @@ def write_ros1_bag(path, messages, compression="none", chunk_size=4,
                                    "conn": struct.pack("<I", number),
                                    "time": bag_time(message.time_ns)},
                                   message.data)
-        place = len(head) + 4096 + len(body)
+        place = len(head) + header_size + len(body)
         places.append(place)
         body += bag_record({"op": b"\5", "compression": compression.encode(),
                             "size": struct.pack("<I", len(content))},
@@ -208,10 +208,11 @@ def write_ros1_bag(path, messages, compression="none", chunk_size=4,
             b"".join(struct.pack("<II", number, len(entries))
                      for number, entries in index.items()))
     fields = {"op": b"\3",
-              "index_pos": struct.pack("<Q", len(head) + 4096 + len(body)),
+              "index_pos": struct.pack("<Q", len(head) + header_size +
+                                       len(body)),
               "conn_count": struct.pack("<I", len(topics)),
               "chunk_count": struct.pack("<I", len(places))}
-    padding = 4096 - len(bag_record(fields, b""))
+    padding = header_size - len(bag_record(fields, b""))
     connections = b"".join(bag_connection(i, *topic)
                            for i, topic in enumerate(topics))
     path.write_bytes(head + bag_record(fields, b" " * padding) + body +
@@ -291,10 +292,11 @@ def write_mcap(path, messages, encoding="cdr", compression="", chunk_size=4,
 
 
 # ------------------------------------------------------------------------- db3
-def write_db3(path, messages, compression=""):
+def write_db3(path, messages, compression="", page_size=4096):
     """As rosbag2, with single messages compressed."""
     topics = topics_of(messages)
     database = sqlite3.connect(path)
+    database.execute(f"PRAGMA page_size = {page_size}")
     database.executescript(
         "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type "
         "TEXT NOT NULL, serialization_format TEXT NOT NULL, "

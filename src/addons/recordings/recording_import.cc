@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "base/format.h"
@@ -126,13 +127,14 @@ class RecordingImport {
 int RecordingImport::FindPositionTopic() const {
   const std::string& wanted = *options_.position_topic;
   if (wanted == "none") return -1;
+  const bool is_automatic = wanted == "auto";
   const std::vector<RecordingTopic>& topics = recording_.topics();
   for (const char* type : {"sensor_msgs/NavSatFix", "nav_msgs/Odometry"}) {
     std::vector<int> found;
     std::vector<std::string> names;
     for (size_t i = 0; i < topics.size(); ++i) {
-      const bool is_chosen = wanted.empty() ? topics[i].num_messages > 0
-                                            : topics[i].name == wanted;
+      const bool is_chosen =
+          is_automatic ? topics[i].num_messages > 0 : topics[i].name == wanted;
       if (topics[i].type != type || !is_chosen) continue;
       found.push_back(static_cast<int>(i));
       names.push_back(topics[i].name);
@@ -145,20 +147,23 @@ int RecordingImport::FindPositionTopic() const {
                      "; set position_topic to one of them, or to none");
     return -1;
   }
-  if (wanted.empty()) return -1;
+  if (is_automatic) return -1;
   throw Error("recording " + recording_.Name() + " has no topic '" + wanted +
               "' (position_topic) of NavSatFix or Odometry messages; run "
               "recording_importer without output_path to list the topics");
 }
 
 std::string RecordingImport::Settings() const {
-  std::string settings;
+  nlohmann::ordered_json files = nlohmann::ordered_json::array();
   for (const fs::path& path : recording_.paths()) {
-    settings += fs::weakly_canonical(fs::absolute(path)).string() + " " +
-                std::to_string(fs::file_size(path)) + "\n";
+    files.push_back(
+        {{"path", fs::weakly_canonical(fs::absolute(path)).string()},
+         {"size", fs::file_size(path)}});
   }
-  RecordingImportOptions options = options_;
-  return settings + OptionsToJsonOf(options) + "\n";
+  const nlohmann::ordered_json settings = {
+      {"recording", std::move(files)},
+      {"options", nlohmann::ordered_json::parse(OptionsToJsonOf(options_))}};
+  return settings.dump(1) + "\n";
 }
 
 // --------------------------------------------------------------------- reading

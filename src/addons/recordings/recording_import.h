@@ -46,10 +46,10 @@ struct RecordingImportOptions {
       "Pair images of different cameras that are at most this far apart. 0: "
       "half of the time between two images of a camera."};
   Option<std::string> position_topic{
-      "position_topic", "",
+      "position_topic", "auto",
       "Import the positions of this topic of NavSatFix or Odometry messages. "
-      "By default, the only topic of NavSatFix or else of Odometry is used; "
-      "none: no positions."};
+      "auto: the only topic of NavSatFix, or else of Odometry. none: no "
+      "positions."};
   Option<VideoImageFormat> image_format{
       "image_format", VideoImageFormat::kPng,
       "Write images as jpg or png. Compressed images are copied as they are."};
