@@ -2,6 +2,7 @@
 """Recordings of ROS 1 and 2, whole and damaged."""
 import json
 import sqlite3
+import struct
 import subprocess
 
 import numpy
@@ -14,6 +15,10 @@ STEP = 100_000_000  # 10 Hz
 RNG = numpy.random.default_rng(0)
 PIXELS = {(camera, i): RNG.integers(0, 256, (24, 32, 3), numpy.uint8)
           for camera in ("left", "right") for i in range(8)}
+# One gray pixel.
+SMALL_PNG = bytes.fromhex(
+    "89504e470d0a1a0a0000000d49484452000000010000000108000000003a7e9b55"
+    "0000000a49444154789c6360000000020001e221bc330000000049454e44ae426082")
 # Of a camera that was calibrated with OpenCV.
 K = [400.0, 0, 15.5, 0, 410.0, 11.5, 0, 0, 1]
 D = [-0.1, 0.02, 0.001, -0.002, 0.0]
@@ -229,8 +234,10 @@ def test_bayer_patterns_and_yuv(importer, tmp_path):
 
 def test_compressed_images_are_copied(importer, tmp_path):
     """The topic without compression is preferred if there are both."""
-    files = [b"\xff\xd8\xff" + RNG.bytes(100), b"\x89PNG\r\n\x1a\n" +
-             RNG.bytes(100)]
+    size = (b"\xff\xc0\0\x11\x08" + struct.pack(">HH", 24, 32) +
+            b"\3\1\x22\0\2\x11\1\3\x11\1")
+    files = [b"\xff\xd8" + size + RNG.bytes(100),
+             b"\x89PNG\r\n\x1a\n" + RNG.bytes(100)]
     messages = [ros.Message("/front/image_raw/compressed",
                             "sensor_msgs/CompressedImage", T0 + i,
                             ros.compressed_image("cdr", T0 + i, "front",
@@ -383,8 +390,9 @@ def test_errors_name_file_topic_and_remedy(importer, tmp_path):
     path = tmp_path / "drive.bag"
     ros.write_ros1_bag(path, [image_message("left", T0, PIXELS["left", 0],
                                             "ros1", "32FC1")])
-    _, log = importer(path, "--sampling", "all", fails=True)
+    folder, log = importer(path, "--sampling", "all", fails=True)
     assert "/left/image_raw" in log and "32FC1" in log and "image_topics" in log
+    assert not folder.exists()
 
     ros.write_ros1_bag(path, drive_messages("ros1"))
     for words, expected in (
@@ -415,11 +423,19 @@ def test_damaged_messages_are_skipped(importer, tmp_path):
                 for i in range(4)]
     messages[1].data = messages[1].data[:10]
     messages[2].data = messages[2].data[:100]
+    messages.append(ros.Message(
+        "/b/compressed", "sensor_msgs/CompressedImage", T0,
+        ros.compressed_image("cdr", T0, "b", "jpeg", b"")))
+    messages.append(ros.Message(
+        "/b/compressed", "sensor_msgs/CompressedImage", T0,
+        ros.compressed_image("cdr", T0 + 1, "b", "png", SMALL_PNG)))
     path = tmp_path / "drive.mcap"
     ros.write_mcap(path, messages)
     folder, log = importer(path, "--sampling", "all")
-    expect_images(folder, {("left", T0 + i * STEP): PIXELS["left", i]
-                           for i in (0, 3)})
+    images = images_of(folder)
+    assert images.pop(f"b/{name_of(T0 + 1)}.png").read_bytes() == SMALL_PNG
+    assert set(images) == {f"left/{name_of(T0 + i * STEP)}.png"
+                           for i in (0, 3)}
     assert "/left/image_raw" in log and "damaged message" in log
 
 

@@ -9,8 +9,10 @@
 
 #include "base/text.h"
 #include "base/text_tools.h"
+#include "files/file_operations.h"
 #include "files/image_limits.h"
 #include "files/image_reading.h"
+#include "files/image_writing.h"
 #include "mgsfm/base/error.h"
 #include "recordings/byte_reader.h"
 
@@ -98,6 +100,12 @@ cv::Mat RawPixels(const ImageMessage& message, int type) {
   return image;
 }
 
+bool HasImage(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::is_regular_file(path, ignored) &&
+         std::filesystem::file_size(path, ignored) > 0;
+}
+
 }  // namespace
 
 bool IsImageTopic(const RecordingTopic& topic) {
@@ -125,9 +133,26 @@ cv::Mat PixelsOf(const ImageMessage& message) {
 std::string ExtensionOf(const CompressedImageMessage& message) {
   if (message.data.substr(0, 3) == "\xff\xd8\xff") return ".jpg";
   if (message.data.substr(0, 8) == "\x89PNG\r\n\x1a\n") return ".png";
+  for (const char* known : {"jpeg", "jpg", "png"}) {
+    if (ToLower(message.format).find(known) != std::string::npos) {
+      throw BytesError("has no image of the format " + message.format);
+    }
+  }
   throw Error("has the format '" + Printable(message.format) +
               "', which is neither JPEG nor PNG; leave the topic out of "
               "image_topics, or convert it");
+}
+
+ImageSize SizeOfImage(const RecordingTopic& topic, std::string_view message) {
+  if (topic.type == "sensor_msgs/Image") {
+    const cv::Mat pixels = PixelsOf(ReadImageMessage(message, topic.encoding));
+    return {pixels.cols, pixels.rows};
+  }
+  const auto file = ReadCompressedImageMessage(message, topic.encoding);
+  (void)ExtensionOf(file);
+  const auto size = ReadImageSize(std::string(file.data));
+  if (!size) throw BytesError("has an image without size");
+  return *size;
 }
 
 cv::Mat SmallGrayOf(const RecordingTopic& topic, std::string_view message,
@@ -142,9 +167,14 @@ cv::Mat SmallGrayOf(const RecordingTopic& topic, std::string_view message,
     }
   } else {
     const auto file = ReadCompressedImageMessage(message, topic.encoding);
-    image = DecodeImage(std::string(file.data), cv::IMREAD_GRAYSCALE,
-                        kDefaultMaxNumPixels)
-                .pixels;
+    (void)ExtensionOf(file);
+    try {
+      image = DecodeImage(std::string(file.data), cv::IMREAD_GRAYSCALE,
+                          kDefaultMaxNumPixels)
+                  .pixels;
+    } catch (const Error& error) {
+      throw BytesError(error.what());
+    }
   }
   const double scale = std::min(
       1.0, static_cast<double>(max_size_px) / std::max(image.cols, image.rows));
@@ -156,6 +186,35 @@ cv::Mat SmallGrayOf(const RecordingTopic& topic, std::string_view message,
   cv::resize(image, small, {scaled(image.cols), scaled(image.rows)}, 0.0, 0.0,
              cv::INTER_AREA);
   return small;
+}
+
+void WriteImageMessage(const RecordingTopic& topic,
+                       const RecordingImportOptions& options,
+                       ImageMessageTask* task) {
+  const auto path_with =
+      [&](const std::string& extension) -> std::filesystem::path {
+    return task->path.string() + extension;
+  };
+  task->was_present =
+      HasImage(path_with(".png")) || HasImage(path_with(".jpg"));
+  if (task->was_present) return;
+  try {
+    if (topic.type != "sensor_msgs/Image") {
+      const auto file =
+          ReadCompressedImageMessage(task->message, topic.encoding);
+      ReplaceOneOfMany(path_with(ExtensionOf(file)), std::string(file.data));
+      return;
+    }
+    const std::string extension =
+        "." + std::string(EnumName(*options.image_format));
+    ReplaceOneOfMany(
+        path_with(extension),
+        EncodeImage(extension,
+                    PixelsOf(ReadImageMessage(task->message, topic.encoding)),
+                    {cv::IMWRITE_JPEG_QUALITY, options.jpeg_quality}));
+  } catch (const BytesError& error) {
+    task->problem = error.what();
+  }
 }
 
 }  // namespace mgsfm

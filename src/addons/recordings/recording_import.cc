@@ -22,7 +22,6 @@
 #include "mgsfm/base/timer.h"
 #include "recordings/byte_reader.h"
 #include "recordings/image_messages.h"
-#include "recordings/image_writer.h"
 #include "recordings/recording.h"
 #include "recordings/recording_cameras.h"
 #include "video/motion_sampler.h"
@@ -119,6 +118,7 @@ class RecordingImport {
   std::vector<int> camera_of_topic_;
   StaticFrames frames_;
   std::map<int64_t, PoseMessage> positions_;  // by time
+  size_t num_positions_without_stamp_ = 0;
   GroupedWarnings warnings_;
 };
 
@@ -177,16 +177,9 @@ void RecordingImport::TakeImage(const RecordedMessage& message) {
       images_[camera_idx].messages.emplace_back();
   const MessageHeader header = ReadMessageHeader(message.data, topic.encoding);
   if (camera.size_px.width == 0) {
+    // An unknown encoding is known before anything is written.
+    camera.size_px = SizeOfImage(topic, message.data);
     camera.frame_id = header.frame_id;
-    if (topic.type == "sensor_msgs/Image") {
-      const ImageMessage image = ReadImageMessage(message.data, topic.encoding);
-      camera.size_px = {image.width_px, image.height_px};
-    } else {
-      const auto file =
-          ReadCompressedImageMessage(message.data, topic.encoding);
-      camera.size_px =
-          ReadImageSize(std::string(file.data)).value_or(ImageSize());
-    }
   }
   taken = {header.stamp_ns, message.received_ns};
 }
@@ -199,8 +192,10 @@ void RecordingImport::TakeMessage(const RecordedMessage& message) {
     PoseMessage pose = topic.type == "nav_msgs/Odometry"
                            ? ReadOdometryMessage(message.data, topic.encoding)
                            : ReadNavSatFixMessage(message.data, topic.encoding);
+    const bool has_stamp = pose.header.stamp_ns != 0;
+    num_positions_without_stamp_ += has_stamp ? 0 : 1;
     const int64_t time_ns =
-        pose.header.stamp_ns == 0 ? message.received_ns : pose.header.stamp_ns;
+        has_stamp ? pose.header.stamp_ns : message.received_ns;
     if (pose.is_valid) positions_.emplace(time_ns, std::move(pose));
   } else if (topic.type == "tf2_msgs/TFMessage") {
     for (const TransformMessage& transform :
@@ -209,7 +204,9 @@ void RecordingImport::TakeMessage(const RecordedMessage& message) {
     }
   } else {
     for (RecordedCamera& camera : cameras_) {
-      if (camera.info_topic_idx == message.topic_idx && !camera.info) {
+      // Drivers send zeros until they have read the calibration.
+      const bool is_known = camera.info && camera.info->K[0] != 0.0;
+      if (camera.info_topic_idx == message.topic_idx && !is_known) {
         camera.info = ReadCameraInfoMessage(message.data, topic.encoding);
       }
     }
@@ -235,8 +232,15 @@ void RecordingImport::ReadMessages() {
       TakeMessage(message);
     } catch (const BytesError& error) {
       WarnOfDamage(message.topic_idx, error.what());
+    } catch (const Error& error) {
+      throw Error(Subject(message.topic_idx) + " " + error.what());
     }
   });
+  if (num_positions_without_stamp_ == 0) return;
+  context_.Warning(Subject(position_topic_) + ": the headers of " +
+                   std::to_string(num_positions_without_stamp_) +
+                   " positions have no time; the times at which they were "
+                   "received are used for these");
 }
 
 void RecordingImport::SetTimes(size_t camera_idx) {
@@ -479,10 +483,10 @@ std::string RecordingImport::PositionLines() const {
 
 RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
   RecordingImportSummary summary;
-  ContinueOrBegin(output_path, Settings(), "recording_import.json");
   ReadMessages();
   for (size_t c = 0; c < cameras_.size(); ++c) SetTimes(c);
   SelectImages();
+  ContinueOrBegin(output_path, Settings(), "recording_import.json");
   WriteImages(output_path / "images", &summary);
   warnings_.Log(context_);
   if (summary.num_written + summary.num_present == 0) {
