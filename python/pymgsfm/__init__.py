@@ -18,10 +18,11 @@ from .averaging import (ONE_CAMERA, Rotations, SensorState, Translations,
 from .commands import (automatic_reconstruction, build_vocab_tree,
                        bundle_adjustment, configure_rigs, evaluate, extend,
                        extract_features, global_mapping, import_features,
-                       import_matches, incremental_mapping, match_exhaustive,
-                       match_sequential, match_spatial, match_vocab_tree,
-                       partition, report, run, sample_videos, simulate,
-                       split_images, triangulate_points, verify_matches)
+                       import_matches, import_recording, incremental_mapping,
+                       match_exhaustive, match_sequential, match_spatial,
+                       match_vocab_tree, partition, report, run, sample_videos,
+                       simulate, split_images, triangulate_points,
+                       verify_matches)
 from .errors import InputError, InternalError, NotSolvableError
 from .geometry import Rigid3d, Rotation3d
 from .options import OptionGroup, OptionInfo, Options
@@ -44,8 +45,8 @@ __all__ = [
     "bundle_adjustment", "clean_database", "configure_rigs", "convert_model",
     "crop_model", "delete_images", "evaluate", "extend", "extract_features",
     "global_mapping", "import_features", "import_matches",
-    "incremental_mapping", "join_models", "match_exhaustive",
-    "match_sequential", "match_spatial",
+    "import_recording", "incremental_mapping", "join_models",
+    "match_exhaustive", "match_sequential", "match_spatial",
     "match_vocab_tree", "merge_databases", "merge_models", "partition",
     "report", "run", "sample_videos", "simulate", "split_images",
     "split_model", "triangulate_points", "undistort", "verify_matches",

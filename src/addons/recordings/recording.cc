@@ -170,7 +170,7 @@ void Recording::Read(const Mask& wanted, const Context& context,
 }
 
 std::string Recording::Name() const {
-  const std::string name = "'" + paths_.front().string() + "'";
+  std::string name = "'" + paths_.front().string() + "'";
   if (paths_.size() == 1) return name;
   return name + " and " + std::to_string(paths_.size() - 1) + " more";
 }

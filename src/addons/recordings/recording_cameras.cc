@@ -46,7 +46,7 @@ std::string LastPart(const std::string& topic) {
 
 // The topics of one camera differ in their last part: image_raw, image_rect.
 std::string NamespaceOf(const std::string& topic) {
-  const std::string raw = RawTopicOf(topic);
+  std::string raw = RawTopicOf(topic);
   if (LastPart(raw).compare(0, 5, "image") != 0) return raw;
   const size_t slash = raw.rfind('/');
   return slash == std::string::npos || slash == 0 ? raw : raw.substr(0, slash);

@@ -331,7 +331,7 @@ std::vector<int> RecordingImport::SelectLeading() {
   if (options_.sampling == RecordingSampling::kRate) {
     return SelectByRate(times_ns, options_.rate);
   }
-  const std::vector<int> selected = SelectByMotion();
+  std::vector<int> selected = SelectByMotion();
   if (!selected.empty()) return selected;
   throw Error(Subject(cameras_.front().topic_idx) +
               " has no image that can be decoded; choose others with "
