@@ -102,6 +102,7 @@ RecordingImportSummary ImportRecordingInto(
   }
   if (!summary.positions_path.empty()) {
     add("ref_images_path", summary.positions_path.string());
+    if (summary.positions_are_gps) add("ref_is_gps", "1");
   }
   if (summary.max_time_difference_s > 0.0) {
     add("frame_max_time_difference_s",

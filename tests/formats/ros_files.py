@@ -333,16 +333,16 @@ def read_png(path):
     step = {0: 1, 2: 3}[color] * depth // 8
     stride = width * step
     raw = zlib.decompress(packed)
-    above = numpy.zeros(stride + step, numpy.int64)
+    above = [0] * (stride + step)
     rows = []
     for y in range(height):
         line = raw[y * (stride + 1):(y + 1) * (stride + 1)]
-        row = numpy.zeros(stride + step, numpy.int64)
+        row = [0] * (stride + step)
         for i, value in enumerate(line[1:], step):
             a, b, c = row[i - step], above[i], above[i - step]
             near = min((abs(b - c), 0, a), (abs(a - c), 1, b),
                        (abs(a + b - 2 * c), 2, c))[2]
-            row[i] = (value + [0, a, b, (a + b) // 2, near][line[0]]) % 256
+            row[i] = (value + (0, a, b, (a + b) // 2, near)[line[0]]) % 256
         rows.append(row[step:])
         above = row
     pixels = numpy.array(rows, numpy.uint8)

@@ -103,6 +103,9 @@ class RecordingImport {
   void WriteTasks(std::vector<ImageMessageTask>* tasks,
                   RecordingImportSummary* summary);
   void WriteImages(const fs::path& folder, RecordingImportSummary* summary);
+  bool PositionsAreGps() const {
+    return Topic(position_topic_).type == "sensor_msgs/NavSatFix";
+  }
   std::string PositionLines() const;
   void WarnOfDamage(int topic_idx, const std::string& problem) {
     warnings_.Add(Subject(topic_idx) + " has a damaged message, which " +
@@ -449,7 +452,7 @@ void RecordingImport::WriteImages(const fs::path& folder,
 
 // Lines "time x y z qx qy qz qw".
 std::string RecordingImport::PositionLines() const {
-  const bool is_gps = Topic(position_topic_).type != "nav_msgs/Odometry";
+  const bool is_gps = PositionsAreGps();
   std::string lines = is_gps ? "# SECONDS LATITUDE LONGITUDE ALTITUDE 0 0 0 1\n"
                              : "# SECONDS X Y Z QX QY QZ QW\n";
   std::optional<Rigid3> child_from_cam;
@@ -506,6 +509,7 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
   }
   if (!positions_.empty()) {
     summary.positions_path = output_path / "positions.txt";
+    summary.positions_are_gps = PositionsAreGps();
     ReplaceFile(summary.positions_path, PositionLines());
   }
   return summary;

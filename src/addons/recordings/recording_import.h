@@ -72,6 +72,7 @@ struct RecordingImportSummary {
   // In the output folder; empty if the recording has none.
   std::filesystem::path rig_config_path;
   std::filesystem::path positions_path;
+  bool positions_are_gps = false;
   double seconds = 0.0;
 };
 
