@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Recordings of ROS 1 and 2, whole and damaged."""
 import json
+import pathlib
 import sqlite3
 import struct
 import subprocess
@@ -146,6 +147,16 @@ def test_whole_recordings(writer, importer, mgsfm, tmp_path):
                     [numpy.sqrt(0.5), 0, 0, -numpy.sqrt(0.5)], atol=1e-12)
     assert_allclose(rig[1]["cam_from_rig_translation"], [0.4, 0, 0],
                     atol=1e-12)
+
+
+@pytest.mark.parametrize("codec", ("bz2", "lz4"))
+def test_bags_of_rosbag(codec, importer):
+    """Written by rosbag 1.15 of Debian 12, whose LZ4 is its own: two images."""
+    path = pathlib.Path(__file__).parent / f"rosbag_{codec}.bag"
+    pixels = numpy.arange(24 * 32).reshape(24, 32)
+    expect_images(importer(path, "--sampling", "all")[0],
+                  {("left", T0 + 1000 * i): pixels * (i + 1) % 256
+                   for i in range(2)})
 
 
 def test_parts_and_folders(importer, tmp_path):
