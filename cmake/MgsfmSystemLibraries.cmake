@@ -8,12 +8,12 @@ function(mgsfm_find_library target library header suffix)
     return()
   endif()
   find_library(MGSFM_${library}_LIBRARY ${library} REQUIRED)
-  find_path(MGSFM_${library}_INCLUDE_DIR ${header} PATH_SUFFIXES ${suffix}
-    REQUIRED)
-  mark_as_advanced(MGSFM_${library}_LIBRARY MGSFM_${library}_INCLUDE_DIR)
+  # By target: mgsfm_flann and mgsfm_lz4 link one library, with other headers.
+  find_path(${target}_INCLUDE_DIR ${header} PATH_SUFFIXES ${suffix} REQUIRED)
+  mark_as_advanced(MGSFM_${library}_LIBRARY ${target}_INCLUDE_DIR)
   add_library(${target} INTERFACE IMPORTED)
   target_include_directories(${target} SYSTEM INTERFACE
-    ${MGSFM_${library}_INCLUDE_DIR})
+    ${${target}_INCLUDE_DIR})
   target_link_libraries(${target} INTERFACE ${MGSFM_${library}_LIBRARY})
 endfunction()
 
