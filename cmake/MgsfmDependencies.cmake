@@ -10,9 +10,9 @@ find_package(Ceres 2.0 REQUIRED)
 find_package(SQLite3 REQUIRED)
 find_package(nlohmann_json 3.10 REQUIRED)
 include(MgsfmSystemLibraries)
-mgsfm_find_system_libraries(mgsfm_cholmod Ceres::ceres opencv_core
-  opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_re2
-  mgsfm_yaml)
+mgsfm_find_system_libraries(mgsfm_bz2 mgsfm_cholmod Ceres::ceres opencv_core
+  opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_lz4 mgsfm_re2
+  mgsfm_yaml mgsfm_zstd)
 mgsfm_find_optional_hdf5()
 mgsfm_find_optional_av()
 # Only the program uses it, for --live_port.

@@ -38,8 +38,8 @@ set(CPACK_COMPONENT_DEV_DESCRIPTION
 string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
   libeigen3-dev libceres-dev libsuitesparse-dev libsqlite3-dev
   nlohmann-json3-dev libopencv-core-dev libopencv-imgcodecs-dev
-  libopencv-imgproc-dev libexiv2-dev libflann-dev liblz4-dev libre2-dev
-  libyaml-cpp-dev)
+  libopencv-imgproc-dev libbz2-dev libexiv2-dev libflann-dev liblz4-dev
+  libre2-dev libyaml-cpp-dev libzstd-dev)
 if(TARGET mgsfm_hdf5)
   string(APPEND CPACK_DEBIAN_DEV_PACKAGE_DEPENDS ", libhdf5-dev")
 endif()

@@ -48,6 +48,7 @@ addons/model_tools: base math geometry scene evaluation
 addons/fleet: base math geometry scene pair_filtering evaluation model_tools
 addons/exchange: base math geometry scene files rigs models
 addons/report_page: base math geometry scene io evaluation
+addons/recordings: base geometry io video imaging
 '
 
 # Only cpu_features.h asks, for MGSFM_PORTABLE: what runs, not what it does.

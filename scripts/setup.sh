@@ -18,6 +18,7 @@ packages=(
   libsqlite3-dev nlohmann-json3-dev
   libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev
   libexiv2-dev libflann-dev libre2-dev libyaml-cpp-dev
+  libbz2-dev liblz4-dev libzstd-dev
   libhdf5-dev libavformat-dev libavcodec-dev libswscale-dev libavutil-dev
   libmicrohttpd-dev
 )

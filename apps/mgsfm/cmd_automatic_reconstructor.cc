@@ -146,6 +146,14 @@ struct AutomaticReconstructorOptions {
       "Use these videos instead of images, one per camera of the rig, "
       "separated by spaces or commas. As in video_sampler, images are "
       "extracted into the folder `videos` of the workspace."};
+  Option<std::string> recording_path{
+      "recording_path", "",
+      "Use the images of this recording instead: ROS 1 bags, MCAP or .db3 "
+      "files "
+      "of ROS 2, or folders of them, separated by spaces or commas. As in "
+      "recording_importer, they are written into the folder `recording` of the "
+      "workspace; its calibration and times make the rig, unless options say "
+      "otherwise."};
   Option<DataType> data_type{
       "data_type", DataType::kVideo,
       "Choose the kind of images. video: in temporal order by name; matches "
@@ -164,6 +172,7 @@ struct AutomaticReconstructorOptions {
       "camera and agree with a fisheye. 0: only warn about them."};
   LiveViewOptions live;
   VideoSamplingOptions video;
+  RecordingImportOptions recording;
   SplittingOptions splitting;
   FeatureExtractionOptions extraction;
   MatchingInputOptions input;  // of the database in the workspace
@@ -176,10 +185,11 @@ struct AutomaticReconstructorOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(workspace_path, image_path, video_path, data_type, output_format,
-          write_report, adopt_fisheyes, live, extraction, input.loading, priors,
-          input.matching);
+    visit(workspace_path, image_path, video_path, recording_path, data_type,
+          output_format, write_report, adopt_fisheyes, live, extraction,
+          input.loading, priors, input.matching);
     visit.Group("Video", video);
+    visit.Group("Recording", recording);
     visit.Group("Splitting", splitting);
     visit.Group("SequentialMatching", sequential);
     visit.Group("ExhaustiveMatching", exhaustive);
@@ -278,10 +288,15 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
 
 void CheckSource(const AutomaticReconstructorOptions& options) {
   const bool has_images = !options.image_path->empty();
-  if (has_images == !options.video_path->empty()) {
-    throw Error(has_images ? "set only one of --image_path and --video_path"
-                           : "option image_path is required: a folder of "
-                             "images; or set video_path");
+  const int num_sources = (has_images ? 1 : 0) +
+                          (options.video_path->empty() ? 0 : 1) +
+                          (options.recording_path->empty() ? 0 : 1);
+  if (num_sources != 1) {
+    throw Error(num_sources > 1
+                    ? "set only one of --image_path, --video_path and "
+                      "--recording_path"
+                    : "option image_path is required: a folder of images; or "
+                      "set video_path or recording_path");
   }
   if (has_images && !fs::is_directory(*options.image_path)) {
     throw Error("--image_path '" + *options.image_path + "' is not a folder");
@@ -321,6 +336,21 @@ void UseVideos(const fs::path& output_path, const Context& context,
   options->image_path = (output_path / "images").string();
 }
 
+// The same for images of recordings, which also tell the rig.
+void UseRecording(const fs::path& output_path, const Context& context,
+                  AutomaticReconstructorOptions* options) {
+  const RecordingImportSummary summary = ImportRecordingInto(
+      output_path, options->recording_path, options->recording, context);
+  options->image_path = (output_path / "images").string();
+  SceneLoadingOptions& loading = options->input.loading;
+  if (!loading.HasKnownRig() && !summary.rig_config_path.empty()) {
+    loading.rig_config_path = summary.rig_config_path.string();
+  }
+  if (!loading.PairsFramesByTime()) {
+    loading.frame_max_time_difference_s = summary.max_time_difference_s;
+  }
+}
+
 int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                               const Context& terminal) {
   const auto live = LiveView::Start(given.live, given.workspace_path, terminal);
@@ -332,6 +362,9 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   const fs::path workspace = *options.workspace_path;
   if (!options.video_path->empty()) {
     UseVideos(workspace / "videos", context, &options);
+  }
+  if (!options.recording_path->empty()) {
+    UseRecording(workspace / "recording", context, &options);
   }
   const std::vector<std::string> names = NamesOf(options);
   for (const std::string& name : names) {

@@ -85,6 +85,33 @@ void SampleVideosInto(const std::filesystem::path& output_path,
                ", their times in " + (output_path / "timestamps.txt").string());
 }
 
+RecordingImportSummary ImportRecordingInto(
+    const std::filesystem::path& output_path,
+    const std::string& recording_paths, const RecordingImportOptions& options,
+    const Context& context) {
+  RecordingImportSummary summary = ImportRecording(
+      SplitVideoPaths(recording_paths), output_path, options, context);
+  context.Info("imported " + Rate(summary.num_written, summary.seconds) +
+               std::to_string(summary.num_present) + " were already there");
+  std::string next = "images are in " + (output_path / "images").string();
+  const auto add = [&](const char* option, const std::string& value) {
+    next += std::string("; --") + option + " " + value;
+  };
+  if (!summary.rig_config_path.empty()) {
+    add("rig_config_path", summary.rig_config_path.string());
+  }
+  if (!summary.positions_path.empty()) {
+    add("ref_images_path", summary.positions_path.string());
+    if (summary.positions_are_gps) add("ref_is_gps", "1");
+  }
+  if (summary.max_time_difference_s > 0.0) {
+    add("frame_max_time_difference_s",
+        Formatted("%.6g", summary.max_time_difference_s));
+  }
+  context.Info(next);
+  return summary;
+}
+
 std::string Describe(const ImageRunSummary& summary) {
   return Rate(summary.num_written, summary.seconds) +
          std::to_string(summary.num_present) + " were already there";
@@ -211,6 +238,36 @@ int RunVideoSampler(const VideoSamplerOptions& options,
   return kExitSuccess;
 }
 
+struct RecordingImporterOptions {
+  Option<std::string> recording_path{"recording_path", "", Required(),
+                                     "Read this recording: ROS 1 bags, MCAP or "
+                                     ".db3 files of ROS 2, or folders "
+                                     "of them, separated by spaces or commas."};
+  Option<std::string> output_path{
+      "output_path", "",
+      "Write images/CAMERA/TIME.png, rig_config.json and positions.txt into "
+      "this folder. Images of an interrupted run with the same settings are "
+      "kept. By default, only the topics of the recording are listed."};
+  RecordingImportOptions import;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(recording_path, output_path, import);
+  }
+};
+
+CommandResult RunRecordingImporter(const RecordingImporterOptions& options,
+                                   const Context& context) {
+  if (options.output_path->empty()) {
+    CommandResult listed = kExitSuccess;
+    listed.text = ListTopics(SplitVideoPaths(options.recording_path), context);
+    return listed;
+  }
+  (void)ImportRecordingInto(*options.output_path, options.recording_path,
+                            options.import, context);
+  return kExitSuccess;
+}
+
 struct ImageSplitterOptions {
   Option<std::string> image_path{
       "image_path", "", Required(),
@@ -333,6 +390,13 @@ Command VideoSamplerCommand() {
       "video_sampler",
       "Extracts images of videos, one video per camera of a rig.",
       RunVideoSampler);
+}
+
+Command RecordingImporterCommand() {
+  return MakeResumableCommand(
+      "recording_importer",
+      "Imports images, calibration and positions of ROS bags and MCAP files.",
+      RunRecordingImporter);
 }
 
 Command ImageSplitterCommand() {

@@ -10,6 +10,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/features/feature_extraction.h"
 #include "mgsfm/models/scene_loading.h"
+#include "recordings/recording_import.h"
 #include "video/video_sampling.h"
 
 namespace mgsfm {
@@ -27,6 +28,13 @@ void SampleVideosInto(const std::filesystem::path& output_path,
                       const std::string& video_paths,
                       const VideoSamplingOptions& options,
                       const Context& context);
+
+// ImportRecording for a list of recordings separated by commas; logs the result
+// and the options of later commands.
+RecordingImportSummary ImportRecordingInto(
+    const std::filesystem::path& output_path,
+    const std::string& recording_paths, const RecordingImportOptions& options,
+    const Context& context);
 
 // "96 images in 2.1 s, 45.2 images/s; 0 were already there".
 std::string Describe(const ImageRunSummary& summary);

@@ -50,7 +50,9 @@ constexpr Output kOutputs[] = {
     {"mapper", "output_path", "/*"},
     {"automatic_reconstructor", "workspace_path",
      "database.db views/cameras.txt views/rig_config.json "
-     "videos/timestamps.txt videos/video_sampling.json sparse/*"},
+     "videos/timestamps.txt videos/video_sampling.json "
+     "recording/rig_config.json recording/positions.txt "
+     "recording/recording_import.json sparse/*"},
     {"bundle_adjuster point_triangulator", "output_path", "/", "input_path"},
     {"model_aligner model_cropper model_merger image_deleter", "output_path",
      "/"},
@@ -63,6 +65,8 @@ constexpr Output kOutputs[] = {
      "colmap/sparse/0/"},
     {"image_splitter", "output_path", "cameras.txt rig_config.json"},
     {"video_sampler", "output_path", "timestamps.txt video_sampling.json"},
+    {"recording_importer", "output_path",
+     "rig_config.json positions.txt recording_import.json"},
     {"simulate", "output_path",
      "database.db timestamps.txt gravity.txt cameras.txt pairs.csv truth/ "
      "truth_images/"},
@@ -273,7 +277,8 @@ bool IsFlag(const std::string& argument) {
 // Options with a list of paths separated by commas. On the command line, each
 // path may be a separate argument, as shells expand them.
 bool TakesList(const std::string& name) {
-  return name == "calibration_path" || name == "video_path";
+  return name == "calibration_path" || name == "video_path" ||
+         name == "recording_path";
 }
 
 std::vector<Flag> SplitFlags(const std::vector<std::string>& arguments) {

@@ -32,6 +32,7 @@ Command ModelEvaluatorCommand();
 Command ModelMergerCommand();
 Command ModelSplitterCommand();
 Command PointTriangulatorCommand();
+Command RecordingImporterCommand();
 Command ReportCommand();
 Command RigConfiguratorCommand();
 Command SequentialMatcherCommand();

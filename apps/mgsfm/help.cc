@@ -205,7 +205,8 @@ struct BasicHelp {
 constexpr BasicHelp kBasicHelps[] = {
     {"automatic_reconstructor",
      "mgsfm automatic_reconstructor --image_path images --workspace_path work",
-     "workspace_path image_path video_path data_type rig_config_path "
+     "workspace_path image_path video_path recording_path data_type "
+     "rig_config_path "
      "calibration_path "
      "rig_name_rule frame_max_time_difference_s use_prior_position "
      "write_report live_port"},
@@ -251,6 +252,11 @@ constexpr BasicHelp kBasicHelps[] = {
     {"video_sampler",
      "mgsfm video_sampler --video_path front.mp4 left.mp4 --output_path videos",
      "video_path output_path sampling rate min_motion alignment time_offsets"},
+    {"recording_importer",
+     "mgsfm recording_importer --recording_path drive.bag --output_path "
+     "recording",
+     "recording_path output_path image_topics sampling rate min_motion "
+     "position_topic"},
     {"model_converter",
      "mgsfm model_converter --input_path sparse/0 --output_path poses.txt "
      "--output_type tum",

@@ -128,6 +128,19 @@ def sample_videos(video_path: Union[PathLike, Sequence[PathLike]],
         video_path=video_path, output_path=output_path)
 
 
+def import_recording(recording_path: Union[PathLike, Sequence[PathLike]],
+                     output_path: PathLike, options: OptionsLike = None, *,
+                     log: Optional[Log] = None,
+                     progress: Optional[Progress] = None) -> None:
+    """Imports images, calibration and positions of ROS bags and MCAP files.
+
+    Writes the folder images and, if known, rig_config.json and positions.txt to
+    output_path.
+    """
+    run("recording_importer", options, log=log, progress=progress,
+        recording_path=recording_path, output_path=output_path)
+
+
 def configure_rigs(database_path: PathLike, options: OptionsLike = None, *,
                    log: Optional[Log] = None) -> None:
     """Writes rigs and frames to a database, replacing those it has."""
@@ -278,7 +291,8 @@ def automatic_reconstruction(workspace_path: PathLike,
     """Extracts features, matches and maps; models are in workspace/sparse.
 
     Args:
-      image_path: Folder of the images; None with the option video_path.
+      image_path: Folder of the images; None with the option video_path or
+        recording_path.
     """
     run("automatic_reconstructor", options, log=log, progress=progress,
         workspace_path=workspace_path, image_path=image_path)

@@ -163,6 +163,11 @@ def test_split_images_names_what_is_missing(tmp_path):
         pymgsfm.split_images(tmp_path / "none", tmp_path / "out")
 
 
+def test_import_recording_names_what_is_missing(tmp_path):
+    with pytest.raises(pymgsfm.InputError, match="none.bag"):
+        pymgsfm.import_recording([tmp_path / "none.bag"], tmp_path / "out")
+
+
 def write_video(path, images):
     """An AVI file (MJPEG) of JPEG files of 640 x 200 px, ten per second."""
     def chunk(name, *parts):

@@ -4,8 +4,13 @@
 hand."""
 import pathlib
 import struct
+import sys
+
+import numpy
 
 CORPUS = pathlib.Path(__file__).parent / "corpus"
+sys.path.append(str(CORPUS.parents[1] / "formats"))
+import ros_files as ros  # noqa: E402 pylint: disable=wrong-import-position
 POSES = [(1, 0, 0, 0, 0, 0, 0), (1, 0, 0, 0, -1, 0, 0)]
 SECOND_FROM_FIRST = (1, 0, 0, 0, -0.5, 0, 0)
 
@@ -141,6 +146,42 @@ def vocabulary():
         for first, children, word, value in nodes)
 
 
+def messages(encoding):
+    """One of each type that is read."""
+    add = lambda topic, kind, data: ros.Message(topic, kind, 10**9, data)
+    lens = ros.camera_info(encoding, "cam", (4, 2), "plumb_bob", [0.1] * 5,
+                           [3.0, 0, 2, 0, 3, 1, 0, 0, 1])
+    return [
+        add("/tf_static", "tf2_msgs/TFMessage", ros.transforms(
+            encoding, [("base", "cam", (1, 2, 3), (0, 0, 0, 1))])),
+        add("/camera_info", "sensor_msgs/CameraInfo", lens),
+        add("/image", "sensor_msgs/Image", ros.image(
+            encoding, 10**9, "cam", "bayer_rggb8",
+            numpy.arange(8, dtype=numpy.uint8).reshape(2, 4))),
+        add("/c", "sensor_msgs/CompressedImage", ros.compressed_image(
+            encoding, 10**9, "cam", "jpeg", b"\xff\xd8\xff\xd9")),
+        add("/fix", "sensor_msgs/NavSatFix", ros.nav_sat_fix(
+            encoding, 10**9, (49, 8, 100))),
+    ]
+
+
+def recordings():
+    folder = CORPUS / "recording"
+    for codec in ("none", "bz2", "lz4"):
+        ros.write_ros1_bag(folder / f"bag_{codec}", messages("ros1"), codec,
+                           header_size=128)
+    whole = (folder / "bag_none").read_bytes()
+    write("recording", "bag_cut", whole[:len(whole) // 2])
+    for codec in ("", "lz4", "zstd"):
+        ros.write_mcap(folder / f"mcap_{codec or 'none'}", messages("cdr"),
+                       compression=codec)
+    ros.write_mcap(folder / "mcap_without_chunks", messages("ros1"), "ros1",
+                   chunk_size=0)
+    database = folder / "db3"
+    database.unlink(missing_ok=True)
+    ros.write_db3(database, messages("cdr"), "zstd", page_size=512)
+
+
 def main():
     write("binary_model", "with_rigs", model(True))
     write("binary_model", "without_rigs", model(False))
@@ -154,6 +195,7 @@ def main():
                       "x image_id, x||'' name, 1 camera_id FROM c"))
     write("database", "overwritten",
           database(1, patches=struct.pack("<HBHBHB", 600, 7, 1100, 255, 40, 1)))
+    recordings()
     write("exif", "tiff", exif_tiff())
     write("exif", "jpeg", exif_jpeg())
     write("vocabulary", "two_words", vocabulary())

@@ -401,6 +401,23 @@ TEST_F(PosePriorsTest, TumTrajectoriesAreInterpolated) {
   EXPECT_THAT(ErrorOfFile("1 0 0 0 0 0 0 1\n"), HasSubstr("has no time"));
 }
 
+// Of a receiver: along a meridian, whose degree has 111.2 km at this latitude.
+TEST_F(PosePriorsTest, TumTrajectoriesMayBeGps) {
+  const std::vector<std::string> names = {"cam0/1403636579.000000000.png",
+                                          "cam0/1403636579.500000000.png"};
+  const Scene scene = LoadScene(MakeContents(names), {}, Context()).scene;
+  options_.ref_images_path = Path("fixes.txt");
+  WriteTextFile(*options_.ref_images_path,
+                "1403636579 49.0000 8.4 100 0 0 0 1\n"
+                "1403636580 49.0002 8.4 100 0 0 0 1\n");
+  EXPECT_FALSE(MakePositionPriors(scene, {}, "in.db", options_).origin_wgs84);
+  options_.ref_is_gps = PositionKind::kGps;
+  const PositionPriors priors =
+      MakePositionPriors(scene, {}, "in.db", options_);
+  ASSERT_TRUE(priors.images[1].has_value());
+  EXPECT_NEAR(priors.images[1]->position.norm(), 11.12, 0.01);
+}
+
 // Times of images that a file gives go before those in their names; EuRoC
 // counts them in nanoseconds.
 TEST_F(PosePriorsTest, EurocTrajectoriesAreInterpolated) {

@@ -350,15 +350,16 @@ void CheckIsApart(const fs::path& output_path, const fs::path& image_path) {
   }
 }
 
-void ContinueOrBegin(const fs::path& output_path, const std::string& settings) {
-  const fs::path path = output_path / "undistortion.json";
+void ContinueOrBegin(const fs::path& output_path, const std::string& settings,
+                     const std::string& file_name) {
+  const fs::path path = output_path / file_name;
   const bool is_continued = fs::is_regular_file(path);
   if (is_continued && ReadFile(path) == settings) return;
   for (const char* name : {"images", "masks"}) {
     const fs::path folder = output_path / name;
     if (!HoldsFiles(folder)) continue;
     throw Error("'" + folder.string() + "' holds images " +
-                (is_continued ? "of other settings or another calibration"
+                (is_continued ? "of other settings or another input"
                               : "that this program did not write") +
                 "; remove them or choose another folder");
   }

@@ -93,9 +93,10 @@ void CheckIsApart(const std::filesystem::path& output_path,
                   const std::filesystem::path& image_path);
 
 // Images of a run may be kept if they were written with the same settings, a
-// text in output_path/undistortion.json, which a new run writes first. Throws
-// Error if there are images of other or unknown settings.
+// text in a file of output_path, which a new run writes first. Throws Error if
+// there are images of other or unknown settings.
 void ContinueOrBegin(const std::filesystem::path& output_path,
-                     const std::string& settings);
+                     const std::string& settings,
+                     const std::string& file_name = "undistortion.json");
 
 }  // namespace mgsfm

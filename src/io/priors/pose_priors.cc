@@ -51,9 +51,13 @@ class PriorMaker {
     source_ = "'" + path + "'";
     const PositionFileFormat format = DetectPositionFormat(path);
     if (format != PositionFileFormat::kNamed) {
+      // Degrees in trajectories are rare, so they must be stated.
+      const auto system = *options_.ref_is_gps == PositionKind::kGps
+                              ? CoordinateSystem::kWgs84
+                              : CoordinateSystem::kCartesian;
       for (const auto& [image_idx, position] :
            ReadTrajectoryPositions(scene_, path, format)) {
-        AddPosition(image_idx, position, CoordinateSystem::kCartesian);
+        AddPosition(image_idx, position, system);
       }
       return;
     }

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "recordings/recording.h"
+
+#include <algorithm>
+#include <map>
+#include <tuple>
+#include <utility>
+
+#include "base/file_reading.h"
+#include "base/nanoseconds.h"
+#include "base/natural_order.h"
+#include "base/text_tools.h"
+#include "mgsfm/base/error.h"
+#include "recordings/decompression.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::unique_ptr<RecordingFile> OpenFile(const fs::path& path,
+                                        const Context& context) {
+  constexpr size_t kMagicSize = 16;
+  const std::string start =
+      ReadFile(path, "recording '" + path.string() + "'", kMagicSize);
+  const auto begins = [&](std::string_view magic) {
+    return std::string_view(start).substr(0, magic.size()) == magic;
+  };
+  if (begins("#ROSBAG V2.0\n")) return OpenRos1Bag(path, context);
+  if (begins("\x89MCAP0\r\n")) return OpenMcap(path, context);
+  if (begins("SQLite format 3")) return OpenSqliteBag(path);
+  const std::string subject = "recording '" + path.string() + "' ";
+  if (begins("#ROSBAG")) {
+    throw Error(subject + "has an old format; convert it with rosbag fix");
+  }
+  if (HasZstdHeader(start)) {
+    throw Error(subject + "is compressed as a whole; run zstd -d on it first");
+  }
+  throw Error(subject +
+              "is neither a ROS 1 bag (.bag), nor MCAP, nor a .db3 file of "
+              "rosbag2; give one of these");
+}
+
+// The files of a folder that rosbag2 wrote, or of a recording in parts.
+std::vector<fs::path> FilesOfFolder(const fs::path& folder) {
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string extension = ToLower(entry.path().extension().string());
+    if (extension == ".bag" || extension == ".mcap" || extension == ".db3") {
+      files.push_back(entry.path());
+    }
+  }
+  std::sort(files.begin(), files.end(),
+            [](const fs::path& a, const fs::path& b) {
+              return IsNaturallyBefore(a.string(), b.string());
+            });
+  if (files.empty()) {
+    throw Error("folder '" + folder.string() +
+                "' has no recordings (.bag, .mcap, .db3); give the files of a "
+                "recording, or their folder");
+  }
+  return files;
+}
+
+}  // namespace
+
+int RecordingFile::TopicIdx(const std::string& name, std::string type,
+                            const std::string& encoding) {
+  // ROS 2 says "sensor_msgs/msg/Image".
+  const size_t middle = type.find("/msg/");
+  if (middle != std::string::npos) type.erase(middle, 4);
+  const auto found =
+      std::find_if(topics_.begin(), topics_.end(), [&](const auto& topic) {
+        return topic.name == name && topic.type == type &&
+               topic.encoding == encoding;
+      });
+  if (found == topics_.end()) {
+    topics_.push_back({name, type, encoding, 0});
+    return static_cast<int>(topics_.size()) - 1;
+  }
+  return static_cast<int>(found - topics_.begin());
+}
+
+void RecordingFile::AddTime(int64_t time_ns) {
+  if (time_ns <= 0) return;  // of an empty chunk
+  first_ns_ = std::min(first_ns_, time_ns);
+  last_ns_ = std::max(last_ns_, time_ns);
+}
+
+void RecordingFile::WarnOnce(const std::string& text, const Context& context) {
+  if (warnings_.insert(text).second) context.Warning(text);
+}
+
+bool RecordingChunk::HasAny(const Mask& wanted) const {
+  return std::any_of(topic_idxs.begin(), topic_idxs.end(),
+                     [&](int topic) { return bool{wanted[topic]}; });
+}
+
+std::string ChunkWarning(const fs::path& path, const RecordingChunk& chunk,
+                         const std::vector<RecordingTopic>& topics) {
+  std::vector<std::string> names;
+  for (const int topic : chunk.topic_idxs) {
+    names.push_back("'" + topics[topic].name + "'");
+  }
+  std::string text = "recording '" + path.string() + "': the chunk at byte " +
+                     std::to_string(chunk.offset) +
+                     " is damaged and skipped; copy the file again from where "
+                     "it was recorded if you need its messages";
+  if (!names.empty()) text += " of " + Joined(names, ", ");
+  return text;
+}
+
+Recording::Recording(const std::vector<fs::path>& paths,
+                     const Context& context) {
+  for (const fs::path& path : paths) {
+    if (!fs::is_directory(path)) {
+      paths_.push_back(path);
+      continue;
+    }
+    const std::vector<fs::path> files = FilesOfFolder(path);
+    paths_.insert(paths_.end(), files.begin(), files.end());
+  }
+  if (paths_.empty()) throw Error("recording_path names no recording");
+  first_ns_ = std::numeric_limits<int64_t>::max();
+  last_ns_ = std::numeric_limits<int64_t>::min();
+  using Key = std::tuple<std::string, std::string, std::string>;
+  const auto key_of = [](const RecordingTopic& topic) {
+    return Key(topic.name, topic.type, topic.encoding);
+  };
+  std::map<Key, uint64_t> counts;
+  for (const fs::path& path : paths_) {
+    files_.push_back(OpenFile(path, context));
+    first_ns_ = std::min(first_ns_, files_.back()->first_ns());
+    last_ns_ = std::max(last_ns_, files_.back()->last_ns());
+    for (const RecordingTopic& topic : files_.back()->topics()) {
+      counts[key_of(topic)] += topic.num_messages;
+    }
+  }
+  std::map<Key, int> idx_of_key;
+  for (const auto& [key, count] : counts) {
+    idx_of_key[key] = static_cast<int>(topics_.size());
+    const auto& [name, type, encoding] = key;
+    topics_.push_back({name, type, encoding, count});
+  }
+  for (const auto& file : files_) {
+    topic_of_file_.emplace_back();
+    for (const RecordingTopic& topic : file->topics()) {
+      topic_of_file_.back().push_back(idx_of_key.at(key_of(topic)));
+    }
+  }
+}
+
+void Recording::Read(const Mask& wanted, const Context& context,
+                     const MessageSink& sink) const {
+  for (size_t f = 0; f < files_.size(); ++f) {
+    const std::vector<int>& topic_of = topic_of_file_[f];
+    Mask wanted_of_file(topic_of.size(), false);
+    bool is_any_wanted = false;
+    for (size_t i = 0; i < topic_of.size(); ++i) {
+      wanted_of_file[i] = wanted[topic_of[i]];
+      is_any_wanted |= wanted[topic_of[i]];
+    }
+    if (!is_any_wanted) continue;
+    files_[f]->Read(
+        wanted_of_file, context, [&](const RecordedMessage& message) {
+          sink(
+              {topic_of[message.topic_idx], message.received_ns, message.data});
+        });
+  }
+}
+
+std::string Recording::Name() const {
+  std::string name = "'" + paths_.front().string() + "'";
+  if (paths_.size() == 1) return name;
+  return name + " and " + std::to_string(paths_.size() - 1) + " more";
+}
+
+double Recording::DurationSeconds() const {
+  return last_ns_ <= first_ns_ ? 0.0
+                               : static_cast<double>(last_ns_ - first_ns_) /
+                                     static_cast<double>(kNsPerSecond);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,563 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "recordings/recording_import.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "base/format.h"
+#include "base/grouped_warnings.h"
+#include "base/nanoseconds.h"
+#include "base/parallel.h"
+#include "base/text.h"
+#include "base/text_tools.h"
+#include "files/file_operations.h"
+#include "imaging/image_run.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/options_io.h"
+#include "mgsfm/base/timer.h"
+#include "recordings/byte_reader.h"
+#include "recordings/image_messages.h"
+#include "recordings/recording.h"
+#include "recordings/recording_cameras.h"
+#include "video/motion_sampler.h"
+#include "video/sampling_plan.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+// As for videos: sharpness needs more pixels than motion; even larger images
+// add nothing.
+constexpr int kMotionImageSize_px = 640;
+
+std::string TimeText(int64_t time_ns) {
+  return Formatted("%06lld.%09lld",
+                   static_cast<long long>(time_ns / kNsPerSecond),
+                   static_cast<long long>(time_ns % kNsPerSecond));
+}
+
+// The images of a camera.
+struct CameraImages {
+  // Per message in the order of the recording; nullopt if it is damaged.
+  struct Message {
+    int64_t stamp_ns = 0;
+    int64_t received_ns = 0;
+  };
+  std::vector<std::optional<Message>> messages;
+  // By time, without repeated times.
+  std::vector<int64_t> times_ns;
+  std::vector<size_t> message_of_time;
+  // The names, without folder and extension, of the messages to write.
+  std::map<size_t, std::string> name_of_message;
+};
+
+class RecordingImport {
+ public:
+  RecordingImport(const Recording& recording,
+                  const RecordingImportOptions& options, const Context& context)
+      : recording_(recording),
+        options_(options),
+        context_(context),
+        cameras_(ChooseCameras(recording, options.image_topics, context)),
+        images_(cameras_.size()),
+        position_topic_(FindPositionTopic()),
+        camera_of_topic_(recording.topics().size(), -1) {
+    for (size_t c = 0; c < cameras_.size(); ++c) {
+      camera_of_topic_[cameras_[c].topic_idx] = static_cast<int>(c);
+    }
+  }
+
+  RecordingImportSummary Run(const fs::path& output_path);
+
+ private:
+  const RecordingTopic& Topic(int topic_idx) const {
+    return recording_.topics()[topic_idx];
+  }
+  std::string Subject(int topic_idx) const {
+    return "topic '" + Topic(topic_idx).name + "' of recording " +
+           recording_.Name();
+  }
+  int FindPositionTopic() const;
+  std::string Settings() const;
+
+  // Headers of images, and all other messages.
+  void ReadMessages();
+  void TakeMessage(const RecordedMessage& message);
+  void TakeImage(const RecordedMessage& message);
+  void SetTimes(size_t camera_idx);
+  double MaxDifferenceSeconds() const;
+
+  void SelectImages();
+  std::vector<int> SelectLeading();
+  std::vector<int> SelectByMotion();
+  void SelectNearest(size_t camera_idx,
+                     const std::vector<int64_t>& instants_ns);
+  void Select(size_t camera_idx, const std::vector<int>& selected);
+
+  void WriteTasks(std::vector<ImageMessageTask>* tasks,
+                  RecordingImportSummary* summary);
+  void WriteImages(const fs::path& folder, RecordingImportSummary* summary);
+  bool PositionsAreGps() const {
+    return Topic(position_topic_).type == "sensor_msgs/NavSatFix";
+  }
+  std::string PositionLines() const;
+  void WarnOfDamage(int topic_idx, const std::string& problem) {
+    warnings_.Add(Subject(topic_idx) + " has a damaged message, which " +
+                  problem + "; it is skipped");
+  }
+
+  const Recording& recording_;
+  const RecordingImportOptions& options_;
+  const Context& context_;
+  std::vector<RecordedCamera> cameras_;
+  std::vector<CameraImages> images_;
+  const int position_topic_;  // -1: none
+  std::vector<int> camera_of_topic_;
+  StaticFrames frames_;
+  std::map<int64_t, PoseMessage> positions_;  // by time
+  size_t num_positions_without_stamp_ = 0;
+  GroupedWarnings warnings_;
+};
+
+// ---------------------------------------------------------------------- topics
+
+int RecordingImport::FindPositionTopic() const {
+  const std::string& wanted = *options_.position_topic;
+  if (wanted == "none") return -1;
+  const bool is_automatic = wanted == "auto";
+  const std::vector<RecordingTopic>& topics = recording_.topics();
+  for (const char* type : {"sensor_msgs/NavSatFix", "nav_msgs/Odometry"}) {
+    std::vector<int> found;
+    std::vector<std::string> names;
+    for (size_t i = 0; i < topics.size(); ++i) {
+      const bool is_chosen =
+          is_automatic ? topics[i].num_messages > 0 : topics[i].name == wanted;
+      if (topics[i].type != type || !is_chosen) continue;
+      found.push_back(static_cast<int>(i));
+      names.push_back(topics[i].name);
+    }
+    if (found.size() == 1) return found.front();
+    if (found.empty()) continue;
+    context_.Warning("no positions are imported: recording " +
+                     recording_.Name() + " has several topics of " + type +
+                     ", " + Joined(names, ", ") +
+                     "; set position_topic to one of them, or to none");
+    return -1;
+  }
+  if (is_automatic) return -1;
+  throw Error("recording " + recording_.Name() + " has no topic '" + wanted +
+              "' (position_topic) of NavSatFix or Odometry messages; run "
+              "recording_importer without output_path to list the topics");
+}
+
+std::string RecordingImport::Settings() const {
+  nlohmann::ordered_json files = nlohmann::ordered_json::array();
+  for (const fs::path& path : recording_.paths()) {
+    files.push_back(
+        {{"path", fs::weakly_canonical(fs::absolute(path)).string()},
+         {"size", fs::file_size(path)}});
+  }
+  const nlohmann::ordered_json settings = {
+      {"recording", std::move(files)},
+      {"options", nlohmann::ordered_json::parse(OptionsToJsonOf(options_))}};
+  return settings.dump(1) + "\n";
+}
+
+// --------------------------------------------------------------------- reading
+
+void RecordingImport::TakeImage(const RecordedMessage& message) {
+  const auto camera_idx =
+      static_cast<size_t>(camera_of_topic_[message.topic_idx]);
+  RecordedCamera& camera = cameras_[camera_idx];
+  const RecordingTopic& topic = Topic(message.topic_idx);
+  std::optional<CameraImages::Message>& taken =
+      images_[camera_idx].messages.emplace_back();
+  const MessageHeader header = ReadMessageHeader(message.data, topic.encoding);
+  if (camera.size_px.width == 0) {
+    // An unknown encoding is known before anything is written.
+    camera.size_px = SizeOfImage(topic, message.data);
+    camera.frame_id = header.frame_id;
+  }
+  taken = {header.stamp_ns, message.received_ns};
+}
+
+void RecordingImport::TakeMessage(const RecordedMessage& message) {
+  const RecordingTopic& topic = Topic(message.topic_idx);
+  if (camera_of_topic_[message.topic_idx] >= 0) {
+    TakeImage(message);
+  } else if (message.topic_idx == position_topic_) {
+    PoseMessage pose = topic.type == "nav_msgs/Odometry"
+                           ? ReadOdometryMessage(message.data, topic.encoding)
+                           : ReadNavSatFixMessage(message.data, topic.encoding);
+    const bool has_stamp = pose.header.stamp_ns != 0;
+    num_positions_without_stamp_ += has_stamp ? 0 : 1;
+    const int64_t time_ns =
+        has_stamp ? pose.header.stamp_ns : message.received_ns;
+    if (pose.is_valid) positions_.emplace(time_ns, std::move(pose));
+  } else if (topic.type == "tf2_msgs/TFMessage") {
+    for (const TransformMessage& transform :
+         ReadTransformMessages(message.data, topic.encoding)) {
+      frames_.Add(transform);
+    }
+  } else {
+    for (RecordedCamera& camera : cameras_) {
+      // Drivers send zeros until they have read the calibration.
+      const bool is_known = camera.info && camera.info->K[0] != 0.0;
+      if (camera.info_topic_idx == message.topic_idx && !is_known) {
+        camera.info = ReadCameraInfoMessage(message.data, topic.encoding);
+      }
+    }
+  }
+}
+
+void RecordingImport::ReadMessages() {
+  const std::vector<RecordingTopic>& topics = recording_.topics();
+  Mask wanted(topics.size(), false);
+  for (const RecordedCamera& camera : cameras_) {
+    wanted[camera.topic_idx] = true;
+    if (camera.info_topic_idx >= 0) wanted[camera.info_topic_idx] = true;
+  }
+  if (position_topic_ >= 0) wanted[position_topic_] = true;
+  for (size_t i = 0; i < topics.size(); ++i) {
+    if (topics[i].name == "/tf_static" && topics[i].IsReadable() &&
+        topics[i].type == "tf2_msgs/TFMessage") {
+      wanted[i] = true;
+    }
+  }
+  recording_.Read(wanted, context_, [&](const RecordedMessage& message) {
+    try {
+      TakeMessage(message);
+    } catch (const BytesError& error) {
+      WarnOfDamage(message.topic_idx, error.what());
+    } catch (const Error& error) {
+      throw Error(Subject(message.topic_idx) + " " + error.what());
+    }
+  });
+  if (num_positions_without_stamp_ == 0) return;
+  context_.Warning(Subject(position_topic_) + ": the headers of " +
+                   std::to_string(num_positions_without_stamp_) +
+                   " positions have no time; the times at which they were "
+                   "received are used for these");
+}
+
+void RecordingImport::SetTimes(size_t camera_idx) {
+  CameraImages& images = images_[camera_idx];
+  const int topic_idx = cameras_[camera_idx].topic_idx;
+  size_t num_images = 0, num_unset = 0;
+  for (const auto& message : images.messages) {
+    if (!message) continue;
+    ++num_images;
+    num_unset += message->stamp_ns == 0 ? 1 : 0;
+  }
+  if (num_images == 0) {
+    throw Error(Subject(topic_idx) +
+                " has no image that can be read; choose others with "
+                "image_topics");
+  }
+  if (num_unset > 0) {
+    context_.Warning(Subject(topic_idx) + ": the headers of " +
+                     std::to_string(num_unset) + " of " +
+                     std::to_string(num_images) +
+                     " images have no time; the times at which they were "
+                     "received are used for all");
+  }
+  std::map<int64_t, size_t> message_of_time;
+  for (size_t i = 0; i < images.messages.size(); ++i) {
+    const auto& message = images.messages[i];
+    if (!message) continue;
+    message_of_time.emplace(
+        num_unset > 0 ? message->received_ns : message->stamp_ns, i);
+  }
+  for (const auto& [time_ns, i] : message_of_time) {
+    images.times_ns.push_back(time_ns);
+    images.message_of_time.push_back(i);
+  }
+  if (message_of_time.size() == num_images) return;
+  context_.Warning(Subject(topic_idx) + ": " +
+                   std::to_string(num_images - message_of_time.size()) +
+                   " images have the time of an earlier one and are skipped");
+}
+
+// ------------------------------------------------------------------- selection
+
+double RecordingImport::MaxDifferenceSeconds() const {
+  if (options_.max_time_difference_s > 0.0) {
+    return options_.max_time_difference_s;
+  }
+  int64_t interval_ns = 0;
+  for (const CameraImages& images : images_) {
+    interval_ns =
+        std::max(interval_ns, MedianInterval(images.times_ns).value_or(0));
+  }
+  return static_cast<double>(interval_ns) / 2.0 / kNsPerSecond;
+}
+
+std::vector<int> RecordingImport::SelectByMotion() {
+  const int topic_idx = cameras_.front().topic_idx;
+  CameraImages& images = images_.front();
+  std::map<size_t, int> idx_of_message;
+  for (size_t i = 0; i < images.message_of_time.size(); ++i) {
+    idx_of_message[images.message_of_time[i]] = static_cast<int>(i);
+  }
+  MotionSampler sampler(options_.min_motion);
+  Mask wanted(recording_.topics().size(), false);
+  wanted[topic_idx] = true;
+  size_t message_idx = 0;
+  int last_idx = -1;
+  const QuietImageLibraries quiet;
+  recording_.Read(wanted, context_, [&](const RecordedMessage& message) {
+    const auto found = idx_of_message.find(message_idx++);
+    // Images that arrive late are no candidates.
+    if (found == idx_of_message.end() || found->second <= last_idx) return;
+    try {
+      const cv::Mat gray =
+          SmallGrayOf(Topic(topic_idx), message.data, kMotionImageSize_px);
+      last_idx = found->second;
+      sampler.Add(last_idx, gray);
+    } catch (const BytesError& error) {
+      WarnOfDamage(topic_idx, error.what());
+    } catch (const Error& error) {
+      throw Error(Subject(topic_idx) + " " + error.what());
+    }
+  });
+  return sampler.Finish();
+}
+
+std::vector<int> RecordingImport::SelectLeading() {
+  const std::vector<int64_t>& times_ns = images_.front().times_ns;
+  if (options_.sampling == RecordingSampling::kRate) {
+    return SelectByRate(times_ns, options_.rate);
+  }
+  std::vector<int> selected = SelectByMotion();
+  if (!selected.empty()) return selected;
+  throw Error(Subject(cameras_.front().topic_idx) +
+              " has no image that can be decoded; choose others with "
+              "image_topics");
+}
+
+void RecordingImport::Select(size_t camera_idx,
+                             const std::vector<int>& selected) {
+  CameraImages& images = images_[camera_idx];
+  for (const int idx : selected) {
+    images.name_of_message[images.message_of_time[idx]] =
+        TimeText(images.times_ns[idx]);
+  }
+  context_.Info("'" + cameras_[camera_idx].folder + "' (" +
+                Topic(cameras_[camera_idx].topic_idx).name +
+                "): " + std::to_string(selected.size()) + " of " +
+                std::to_string(images.times_ns.size()) + " images");
+}
+
+void RecordingImport::SelectNearest(size_t camera_idx,
+                                    const std::vector<int64_t>& instants_ns) {
+  const std::vector<int64_t>& times_ns = images_[camera_idx].times_ns;
+  std::vector<int> selected;
+  for (const std::optional<int>& idx :
+       SelectAtInstants(instants_ns, times_ns,
+                        std::llround(MaxDifferenceSeconds() * kNsPerSecond))) {
+    if (idx) selected.push_back(*idx);
+  }
+  if (selected.empty()) {
+    throw Error(Subject(cameras_[camera_idx].topic_idx) + " (" +
+                TimeText(times_ns.front()) + " s to " +
+                TimeText(times_ns.back()) +
+                " s) has no image at the times of '" +
+                Topic(cameras_.front().topic_idx).name + "' (" +
+                TimeText(instants_ns.front()) + " s to " +
+                TimeText(instants_ns.back()) +
+                " s); set max_time_difference_s, or choose others with "
+                "image_topics");
+  }
+  Select(camera_idx, selected);
+}
+
+void RecordingImport::SelectImages() {
+  if (options_.sampling == RecordingSampling::kAll) {
+    for (size_t c = 0; c < cameras_.size(); ++c) {
+      std::vector<int> all(images_[c].times_ns.size());
+      for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
+      Select(c, all);
+    }
+    return;
+  }
+  const std::vector<int> leading = SelectLeading();
+  std::vector<int64_t> instants_ns;
+  for (const int idx : leading) {
+    instants_ns.push_back(images_.front().times_ns[idx]);
+  }
+  Select(0, leading);
+  for (size_t c = 1; c < cameras_.size(); ++c) SelectNearest(c, instants_ns);
+}
+
+// --------------------------------------------------------------------- writing
+
+void RecordingImport::WriteTasks(std::vector<ImageMessageTask>* tasks,
+                                 RecordingImportSummary* summary) {
+  ParallelFor(
+      tasks->size(), context_.num_threads,
+      [&](size_t i) {
+        ImageMessageTask& task = (*tasks)[i];
+        try {
+          WriteImageMessage(Topic(task.topic_idx), options_, &task);
+        } catch (const Error& error) {
+          throw Error(Subject(task.topic_idx) + " " + error.what());
+        }
+      },
+      1);
+  for (const ImageMessageTask& task : *tasks) {
+    if (!task.problem.empty()) {
+      WarnOfDamage(task.topic_idx, task.problem);
+    } else {
+      ++(task.was_present ? summary->num_present : summary->num_written);
+    }
+  }
+  tasks->clear();
+}
+
+void RecordingImport::WriteImages(const fs::path& folder,
+                                  RecordingImportSummary* summary) {
+  Mask wanted(recording_.topics().size(), false);
+  for (const RecordedCamera& camera : cameras_) {
+    wanted[camera.topic_idx] = true;
+    fs::create_directories(folder / camera.folder);
+  }
+  const auto max_num_tasks =
+      2 * static_cast<size_t>(ResolveNumThreads(context_.num_threads));
+  std::vector<ImageMessageTask> tasks;
+  std::vector<size_t> next_message(cameras_.size(), 0);
+  recording_.Read(wanted, context_, [&](const RecordedMessage& message) {
+    const int camera_idx = camera_of_topic_[message.topic_idx];
+    const auto& names = images_[camera_idx].name_of_message;
+    const auto found = names.find(next_message[camera_idx]++);
+    if (found == names.end()) return;
+    tasks.emplace_back();
+    tasks.back().topic_idx = message.topic_idx;
+    tasks.back().path = folder / cameras_[camera_idx].folder / found->second;
+    tasks.back().message = message.data;
+    if (tasks.size() >= max_num_tasks) WriteTasks(&tasks, summary);
+  });
+  WriteTasks(&tasks, summary);
+  FileOperations operations;
+  for (const RecordedCamera& camera : cameras_) {
+    operations.Sync(folder / camera.folder);
+  }
+  operations.Sync(folder);
+}
+
+// Lines "time x y z qx qy qz qw".
+std::string RecordingImport::PositionLines() const {
+  const bool is_gps = PositionsAreGps();
+  std::string lines = is_gps ? "# SECONDS LATITUDE LONGITUDE ALTITUDE 0 0 0 1\n"
+                             : "# SECONDS X Y Z QX QY QZ QW\n";
+  std::optional<Rigid3> child_from_cam;
+  if (!is_gps) {
+    const std::string& child = positions_.begin()->second.child;
+    const std::string& camera = cameras_.front().frame_id;
+    child_from_cam = frames_.Between(child, camera);
+    if (!child_from_cam) {
+      context_.Warning("/tf_static does not connect the frame '" + child +
+                       "' of the positions with the frame '" + camera +
+                       "' of the first camera; the positions are those of '" +
+                       child + "'");
+    }
+  }
+  for (const auto& [time_ns, pose] : positions_) {
+    const Rigid3 world_from_cam =
+        pose.world_from_child * child_from_cam.value_or(Rigid3());
+    const Eigen::Vector3d& t = world_from_cam.translation;
+    const Eigen::Quaterniond& q = world_from_cam.rotation;
+    lines += TimeText(time_ns);
+    for (const double value : {t.x(), t.y(), t.z()}) {
+      lines += ' ' + FormatDouble(value, std::chars_format::fixed, 9);
+    }
+    for (const double value : {q.x(), q.y(), q.z(), q.w()}) {
+      lines += ' ' + FormatDouble(value, std::chars_format::general, 17);
+    }
+    lines += '\n';
+  }
+  return lines;
+}
+
+RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
+  RecordingImportSummary summary;
+  ReadMessages();
+  for (size_t c = 0; c < cameras_.size(); ++c) SetTimes(c);
+  SelectImages();
+  ContinueOrBegin(output_path, Settings(), "recording_import.json");
+  WriteImages(output_path / "images", &summary);
+  warnings_.Log(context_);
+  if (summary.num_written + summary.num_present == 0) {
+    throw Error("recording " + recording_.Name() +
+                " has no image that can be decoded; choose other topics with "
+                "image_topics");
+  }
+  const bool has_same_times =
+      std::all_of(images_.begin(), images_.end(), [&](const auto& images) {
+        return images.times_ns == images_.front().times_ns;
+      });
+  if (!has_same_times) summary.max_time_difference_s = MaxDifferenceSeconds();
+  if (const auto rig =
+          MakeRecordedRig(cameras_, frames_, recording_.topics(), context_)) {
+    summary.rig_config_path = output_path / "rig_config.json";
+    ReplaceFile(summary.rig_config_path, RigConfigsToJson({*rig}));
+  }
+  if (!positions_.empty()) {
+    summary.positions_path = output_path / "positions.txt";
+    summary.positions_are_gps = PositionsAreGps();
+    ReplaceFile(summary.positions_path, PositionLines());
+  }
+  return summary;
+}
+
+}  // namespace
+
+RecordingImportSummary ImportRecording(const std::vector<fs::path>& paths,
+                                       const fs::path& output_path,
+                                       const RecordingImportOptions& options,
+                                       const Context& context) {
+  const Timer timer;
+  const Recording recording(paths, context);
+  RecordingImportSummary summary =
+      RecordingImport(recording, options, context).Run(output_path);
+  summary.seconds = timer.Seconds();
+  return summary;
+}
+
+std::string ListTopics(const std::vector<fs::path>& paths,
+                       const Context& context) {
+  const Recording recording(paths, context);
+  size_t type_width = 0;
+  for (const RecordingTopic& topic : recording.topics()) {
+    type_width = std::max(type_width, topic.type.size());
+  }
+  const double duration_s = recording.DurationSeconds();
+  std::string text =
+      recording.Name() + ": " + Formatted("%.3f s", duration_s) +
+      (duration_s > 0.0 ? " from " + TimeText(recording.first_ns()) + " s"
+                        : "") +
+      ", " + std::to_string(recording.topics().size()) +
+      " topics\n  messages      Hz  " + "type" +
+      std::string(std::max<size_t>(type_width, 4) - 4, ' ') + "  topic\n";
+  for (const RecordingTopic& topic : recording.topics()) {
+    const auto count = static_cast<double>(topic.num_messages);
+    const std::string rate =
+        duration_s > 0.0 ? Formatted("%8.2f", count / duration_s) : "       -";
+    text += Formatted("%10.0f", count) + rate + "  " + Printable(topic.type) +
+            std::string(type_width - topic.type.size(), ' ') + "  " +
+            Printable(topic.name);
+    const bool is_readable =
+        topic.encoding == "ros1" || topic.encoding == "cdr";
+    text += is_readable
+                ? "\n"
+                : " (" + Printable(topic.encoding) + ", cannot be imported)\n";
+  }
+  return text;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,539 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Recordings of ROS 1 and 2, whole and damaged."""
+import json
+import pathlib
+import sqlite3
+import struct
+import subprocess
+
+import numpy
+import pytest
+import ros_files as ros
+from numpy.testing import assert_allclose
+
+T0 = 1_700_000_000_000_000_000
+STEP = 100_000_000  # 10 Hz
+RNG = numpy.random.default_rng(0)
+PIXELS = {(camera, i): RNG.integers(0, 256, (24, 32, 3), numpy.uint8)
+          for camera in ("left", "right") for i in range(8)}
+# One gray pixel.
+SMALL_PNG = bytes.fromhex(
+    "89504e470d0a1a0a0000000d49484452000000010000000108000000003a7e9b55"
+    "0000000a49444154789c6360000000020001e221bc330000000049454e44ae426082")
+# Of a camera that was calibrated with OpenCV.
+K = [400.0, 0, 15.5, 0, 410.0, 11.5, 0, 0, 1]
+D = [-0.1, 0.02, 0.001, -0.002, 0.0]
+# Writers: extension, encoding of messages, and a function.
+WRITERS = {
+    **{f"bag_{c}": (".bag", "ros1",
+                    lambda path, m, c=c: ros.write_ros1_bag(path, m, c))
+       for c in ("none", "bz2", "lz4")},
+    **{f"mcap_{c or 'none'}": (
+        ".mcap", "cdr",
+        lambda path, m, c=c: ros.write_mcap(path, m, "cdr", c))
+       for c in ("", "lz4", "zstd")},
+    "mcap_without_chunks": (".mcap", "cdr",
+                            lambda path, m: ros.write_mcap(
+                                path, m, chunk_size=0)),
+    "mcap_ros1": (".mcap", "ros1",
+                  lambda path, m: ros.write_mcap(path, m, "ros1", "lz4")),
+    "db3": (".db3", "cdr", ros.write_db3),
+    "db3_zstd": (".db3", "cdr",
+                 lambda path, m: ros.write_db3(path, m, "zstd")),
+}
+
+
+def name_of(time_ns):
+    return f"{time_ns // 10**9:06}.{time_ns % 10**9:09}"
+
+
+def image_message(camera, time_ns, pixels, encoding, name="bgr8",
+                  stamp_ns=None, **kwargs):
+    return ros.Message(
+        f"/{camera}/image_raw", "sensor_msgs/Image", time_ns + 5_000_000,
+        ros.image(encoding, time_ns if stamp_ns is None else stamp_ns,
+                  f"{camera}_optical", name, pixels, **kwargs))
+
+
+def drive_messages(encoding, times=None):
+    """Two cameras with lenses, their frames, and a topic that nobody wants."""
+    messages = [ros.Message("/tf_static", "tf2_msgs/TFMessage", T0,
+                            ros.transforms(encoding, [
+                                ("base", "left_optical", (0, 0.3, 0),
+                                 (0, 0, 0, 1)),
+                                ("/base", "right_mount", (0, -0.2, 0),
+                                 (0, 0, 0.7071067811865476,
+                                  0.7071067811865476)),
+                                ("right_mount", "right_optical", (0.1, 0, 0),
+                                 (0, 0, 0, 1))]))]
+    for i in range(8):
+        for camera in ("left", "right"):
+            time_ns = T0 + i * STEP if times is None else times[camera][i]
+            if time_ns is None:
+                continue
+            messages.append(ros.Message(
+                f"/{camera}/camera_info", "sensor_msgs/CameraInfo", time_ns,
+                ros.camera_info(encoding, f"{camera}_optical", (32, 24),
+                                "plumb_bob", D, K)))
+            messages.append(image_message(camera, time_ns,
+                                          PIXELS[camera, i], encoding))
+        messages.append(ros.Message("/scan", "sensor_msgs/PointCloud2",
+                                    T0 + i * STEP, b"not read"))
+    return messages
+
+
+@pytest.fixture
+def importer(request, tmp_path):
+    """Imports a recording; returns the folder and what is printed."""
+    program = request.config.getoption("--program").resolve()
+
+    def call(path, *words, fails=False, output="out"):
+        done = subprocess.run(
+            list(map(str, [program, "recording_importer", "--recording_path",
+                           path, "--output_path", tmp_path / output,
+                           *words])),
+            capture_output=True, text=True, check=False)
+        assert done.returncode == (1 if fails else 0), done.stderr
+        return tmp_path / output, done.stderr
+    return call
+
+
+def images_of(folder):
+    return {str(path.relative_to(folder / "images")): path
+            for path in (folder / "images").rglob("*.*")}
+
+
+def expect_images(folder, expected):
+    """`expected` has pixels by camera and time."""
+    images = images_of(folder)
+    assert set(images) == {f"{camera}/{name_of(time)}.png"
+                           for camera, time in expected}
+    for (camera, time), pixels in expected.items():
+        read = ros.read_png(images[f"{camera}/{name_of(time)}.png"])
+        assert numpy.array_equal(read, pixels)
+
+
+def all_images(keep=lambda camera, i: True):
+    return {(camera, T0 + i * STEP): pixels
+            for (camera, i), pixels in PIXELS.items() if keep(camera, i)}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_whole_recordings(writer, importer, mgsfm, tmp_path):
+    extension, encoding, write = WRITERS[writer]
+    path = tmp_path / f"drive{extension}"
+    write(path, drive_messages(encoding))
+
+    listed = mgsfm("recording_importer", "--recording_path", path)
+    for line in ("8   sensor_msgs/Image  /left/image_raw",
+                 "1   tf2_msgs/TFMessage  /tf_static",
+                 "8   sensor_msgs/PointCloud2  /scan"):
+        count, kind, topic = line.split()
+        assert any(words[0] == count and words[2:] == [kind, topic]
+                   for words in map(str.split, listed.splitlines())), listed
+
+    folder, log = importer(path, "--sampling", "all")
+    assert "WARN" not in log.upper(), log
+    expect_images(folder, all_images())
+    rig = json.loads((folder / "rig_config.json").read_text())[0]["cameras"]
+    assert [camera["image_prefix"] for camera in rig] == ["left/", "right/"]
+    for camera in rig:
+        assert camera["camera_model_name"] == "OPENCV"
+        assert_allclose(camera["camera_params"],
+                        [400, 410, 16, 12, *D[:4]])
+    # The right camera is 0.5 m to the right of the left one, plus 0.1 m along
+    # its mount, which is turned by 90 degrees about z.
+    assert_allclose(rig[1]["cam_from_rig_rotation"],
+                    [numpy.sqrt(0.5), 0, 0, -numpy.sqrt(0.5)], atol=1e-12)
+    assert_allclose(rig[1]["cam_from_rig_translation"], [0.4, 0, 0],
+                    atol=1e-12)
+
+
+@pytest.mark.parametrize("codec", ("bz2", "lz4"))
+def test_bags_of_rosbag(codec, importer):
+    """Written by rosbag 1.15 of Debian 12, whose LZ4 is its own: two images."""
+    path = pathlib.Path(__file__).parent / f"rosbag_{codec}.bag"
+    pixels = numpy.arange(24 * 32).reshape(24, 32)
+    expect_images(importer(path, "--sampling", "all")[0],
+                  {("left", T0 + 1000 * i): pixels * (i + 1) % 256
+                   for i in range(2)})
+
+
+def test_parts_and_folders(importer, tmp_path):
+    messages = drive_messages("cdr")
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    ros.write_mcap(folder / "drive_0.mcap", messages[:20])
+    ros.write_db3(folder / "drive_1.db3", messages[20:])
+    expect_images(importer(folder, "--sampling", "all")[0], all_images())
+
+
+def test_a_second_run_continues(importer, tmp_path):
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, drive_messages("ros1"))
+    folder, _ = importer(path, "--sampling", "all")
+    missing = folder / "images" / "left" / f"{name_of(T0)}.png"
+    missing.unlink()
+    _, log = importer(path, "--sampling", "all")
+    assert missing.exists() and "15 were already there" in log
+    _, log = importer(path, "--sampling", "rate", fails=True)
+    assert "of other settings" in log
+
+
+def bayer(encoding):
+    """One color seen through a pattern."""
+    plane = {"r": 200, "g": 120, "b": 40}
+    pattern = encoding[6:10]
+    return numpy.array([[plane[pattern[2 * (y % 2) + x % 2]]
+                         for x in range(16)] for y in range(12)], numpy.uint8)
+
+
+@pytest.mark.parametrize("encoding", ("ros1", "cdr"))
+def test_encodings(encoding, importer, tmp_path):
+    """All encodings keep their values, whatever the padding of rows."""
+    gray = RNG.integers(0, 256, (12, 16), numpy.uint8)
+    deep = RNG.integers(0, 65536, (12, 16), numpy.uint16)
+    color = RNG.integers(0, 256, (12, 16, 3), numpy.uint8)
+    deep_color = RNG.integers(0, 65536, (12, 16, 3), numpy.uint16)
+    alpha = numpy.dstack([color, gray])
+    cases = {"mono8": (gray, gray), "8UC1": (gray, gray),
+             "mono16": (deep, deep), "16UC1": (deep, deep),
+             "bgr8": (color, color), "rgb8": (color[..., ::-1], color),
+             "bgra8": (alpha, color),
+             "rgba8": (alpha[..., [2, 1, 0, 3]], color),
+             "bgr16": (deep_color, deep_color),
+             "rgb16": (deep_color[..., ::-1], deep_color)}
+    messages, expected = [], {}
+    for i, (name, (sent, _)) in enumerate(cases.items()):
+        messages.append(image_message(name, T0 + i, sent, encoding, name,
+                                      row_padding=6,
+                                      big_endian=sent.dtype == numpy.uint16))
+        expected[name, T0 + i] = cases[name][1]
+    path = tmp_path / "drive.mcap"
+    ros.write_mcap(path, messages, encoding)
+    expect_images(importer(path, "--sampling", "all")[0], expected)
+
+
+def test_bayer_patterns_and_yuv(importer, tmp_path):
+    messages = []
+    names = [f"bayer_{p}{bits}" for p in ("rggb", "bggr", "gbrg", "grbg")
+             for bits in (8, 16)]
+    for i, name in enumerate(names):
+        sent = bayer(name)
+        if name.endswith("16"):
+            sent = sent.astype(numpy.uint16) * 257
+        messages.append(image_message(name, T0 + i, sent, "cdr", name))
+    # Y = 81, U = 90, V = 240 is pure red in ITU-R BT.601.
+    for i, (name, pair) in enumerate((("yuv422", [90, 81, 240, 81]),
+                                      ("yuv422_yuy2", [81, 90, 81, 240]))):
+        sent = numpy.array(pair * 8 * 12, numpy.uint8).reshape(12, 16, 2)
+        messages.append(image_message(name, T0 + 20 + i, sent, "cdr", name))
+    path = tmp_path / "drive.mcap"
+    ros.write_mcap(path, messages)
+    images = images_of(importer(path, "--sampling", "all")[0])
+    for name, image in images.items():
+        pixels = ros.read_png(image)
+        if name.startswith("bayer"):
+            scale = 257 if "16" in name.split("/")[0][-2:] else 1
+            assert_allclose(pixels, numpy.broadcast_to(
+                numpy.array([40, 120, 200]) * scale, pixels.shape))
+        else:
+            assert_allclose(pixels, numpy.broadcast_to([0, 0, 255],
+                                                       pixels.shape), atol=2)
+    assert len(images) == 10
+
+
+def test_compressed_images_are_copied(importer, tmp_path):
+    """The topic without compression is preferred if there are both."""
+    size = (b"\xff\xc0\0\x11\x08" + struct.pack(">HH", 24, 32) +
+            b"\3\1\x22\0\2\x11\1\3\x11\1")
+    files = [b"\xff\xd8" + size + RNG.bytes(100),
+             b"\x89PNG\r\n\x1a\n" + RNG.bytes(100)]
+    messages = [ros.Message("/front/image_raw/compressed",
+                            "sensor_msgs/CompressedImage", T0 + i,
+                            ros.compressed_image("cdr", T0 + i, "front",
+                                                 "jpeg", data))
+                for i, data in enumerate(files)]
+    path = tmp_path / "drive.mcap"
+    ros.write_mcap(path, messages)
+    folder, _ = importer(path, "--sampling", "all")
+    for i, (data, extension) in enumerate(zip(files, ("jpg", "png"))):
+        image = folder / "images" / "front" / f"{name_of(T0 + i)}.{extension}"
+        assert image.read_bytes() == data
+
+    messages.append(image_message("front", T0, PIXELS["left", 0], "cdr"))
+    messages.append(ros.Message("/depth/image_raw", "sensor_msgs/Image", T0,
+                                messages[-1].data))
+    ros.write_mcap(path, messages)
+    folder, log = importer(path, "--sampling", "all", output="both")
+    expect_images(folder, {("front", T0): PIXELS["left", 0]})
+    assert "left out: " in log and "/depth/image_raw" in log
+    _, log = importer(path, "--image_topics",
+                      "/front/image_raw/compressed,/depth/image_raw",
+                      "--sampling", "all", output="chosen")
+    assert {name.split("/")[0] for name in images_of(tmp_path / "chosen")} == {
+        "front", "depth"}
+
+
+def test_big_endian_messages(importer, tmp_path):
+    messages = [image_message("left", T0, PIXELS["left", 0], "cdr")]
+    messages[0].data = (b"\0\0\0\0" + ros.image(
+        "cdr", T0, "left", "bgr8", PIXELS["left", 0])[4:])
+    sent = ros.Serializer("cdr", big_endian=True).header(T0, "left")
+    sent.add("I", 24, 32).text("bgr8").add("B", 0).add("I", 96)
+    messages[0].data = sent.data(PIXELS["left", 0].tobytes()).done()
+    path = tmp_path / "drive.db3"
+    ros.write_db3(path, messages)
+    expect_images(importer(path, "--sampling", "all")[0],
+                  {("left", T0): PIXELS["left", 0]})
+
+
+def test_headers_without_time(importer, tmp_path):
+    """One image without a stamp is enough: two clocks do not mix."""
+    messages = [image_message("left", T0 + i * STEP, PIXELS["left", i], "ros1",
+                              stamp_ns=0 if i == 2 else None)
+                for i in range(4)]
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, messages)
+    folder, log = importer(path, "--sampling", "all")
+    expect_images(folder, {("left", T0 + i * STEP + 5_000_000):
+                           PIXELS["left", i] for i in range(4)})
+    assert "/left/image_raw" in log and "1 of 4 images have no time" in log
+
+
+def test_sampling_by_rate_pairs_the_nearest_images(importer, tmp_path):
+    """Dropped messages, and stamps with jitter."""
+    jitter = [3, -8, 5, 0, 8, -2, 7, -6]
+    times = {"left": [T0 + i * STEP for i in range(8)],
+             "right": [T0 + i * STEP + jitter[i] * 10**6 for i in range(8)]}
+    times["right"][4] = None
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, drive_messages("ros1", times), "bz2")
+    folder, log = importer(path, "--sampling", "rate", "--rate", "5")
+    expected = {("left", times["left"][i]): PIXELS["left", i]
+                for i in range(0, 8, 2)}
+    expected.update({("right", times["right"][i]): PIXELS["right", i]
+                     for i in (0, 2, 6)})
+    expect_images(folder, expected)
+    assert "frame_max_time_difference_s 0.05" in log
+
+
+def test_sampling_by_motion_skips_a_standing_camera(importer, tmp_path):
+    noise = RNG.normal(0, 200, (184, 404))
+    scene = sum(noise[y:y + 180, x:x + 400] for y in range(5)
+                for x in range(5)) / 25 + 128
+    scene = scene.clip(0, 255).astype(numpy.uint8)
+    shifts = [0, 0, 0, 8, 16, 24, 32, 40]
+    messages = [image_message("left", T0 + i * STEP,
+                              scene[:, shift:shift + 320], "cdr", "mono8")
+                for i, shift in enumerate(shifts)]
+    path = tmp_path / "drive.mcap"
+    ros.write_mcap(path, messages, compression="zstd")
+    folder, _ = importer(path)
+    indices = sorted(i for i in range(8) if (
+        folder / "images/left" / f"{name_of(T0 + i * STEP)}.png").exists())
+    # 4 % of 320 pixels are 12.8; an image up to 1.5 times as far is taken.
+    moved = [shifts[i] for i in indices]
+    assert indices[0] == 0
+    assert all(12.8 <= b - a <= 1.5 * 12.8 + 8
+               for a, b in zip(moved, moved[1:])), indices
+    assert len(indices) >= 3
+
+
+@pytest.mark.parametrize("writer", ("bag_none", "bag_bz2", "bag_lz4",
+                                    "mcap_none", "mcap_lz4", "mcap_zstd",
+                                    "mcap_without_chunks"))
+def test_recordings_cut_short(writer, importer, tmp_path):
+    """Each place of the cut gives the images of all whole chunks before it."""
+    extension, encoding, write = WRITERS[writer]
+    path = tmp_path / f"drive{extension}"
+    messages = drive_messages(encoding)
+    places = write(path, messages)
+    whole = path.read_bytes()
+    for i, share in enumerate((0.95, 0.6, 0.35)):
+        end = int(share * len(whole))
+        path.write_bytes(whole[:end])
+        folder, log = importer(path, "--sampling", "all", output=f"out{i}")
+        assert "has no index" in log
+        num_whole = max(0, sum(place < end for place in places or []) - 1)
+        certain = sum("image_raw" in message.topic
+                      for message in messages[:4 * num_whole])
+        images = images_of(folder)
+        assert len(images) >= max(certain, 1)
+        expected = all_images()
+        for name, image in images.items():
+            camera, stem = name[:-4].split("/")
+            time = int(stem.replace(".", ""))
+            assert numpy.array_equal(ros.read_png(image),
+                                     expected[camera, time])
+
+
+@pytest.mark.parametrize("writer", ("bag_bz2", "bag_lz4", "mcap_none",
+                                    "mcap_lz4", "mcap_zstd"))
+def test_broken_chunks_lose_their_messages(writer, importer, tmp_path):
+    extension, encoding, write = WRITERS[writer]
+    path = tmp_path / f"drive{extension}"
+    messages = drive_messages(encoding)
+    places = write(path, messages)
+    data = bytearray(path.read_bytes())
+    for offset in range(200, 220):
+        data[places[2] + offset] ^= 0x5a
+    path.write_bytes(data)
+    folder, log = importer(path, "--sampling", "all")
+    assert f"the chunk at byte {places[2]} is damaged" in log
+    assert str(path) in log and "image_raw" in log
+    lost = {m.data for m in messages[8:12]}
+    times = [m for m in messages if "image_raw" in m.topic]
+    assert len(images_of(folder)) == sum(m.data not in lost for m in times)
+
+
+@pytest.mark.parametrize("kind", ("bag", "mcap"))
+def test_unknown_compression_is_an_error(kind, importer, tmp_path):
+    path = tmp_path / f"drive.{kind}"
+    write = ros.write_ros1_bag if kind == "bag" else ros.write_mcap
+    encoding = "ros1" if kind == "bag" else "cdr"
+    write(path, drive_messages(encoding), compression="brotli", codec=bytes)
+    _, log = importer(path, fails=True)
+    assert f"{path}" in log and "brotli" in log and "convert" in log
+
+
+def test_errors_name_file_topic_and_remedy(importer, tmp_path):
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, [image_message("left", T0, PIXELS["left", 0],
+                                            "ros1", "32FC1")])
+    folder, log = importer(path, "--sampling", "all", fails=True)
+    assert "/left/image_raw" in log and "32FC1" in log and "image_topics" in log
+    assert not folder.exists()
+
+    ros.write_ros1_bag(path, drive_messages("ros1"))
+    for words, expected in (
+            (("--image_topics", "/none"), "/none"),
+            (("--image_topics", "/scan"), "PointCloud2"),
+            (("--position_topic", "/none"), "/none")):
+        _, log = importer(path, *words, fails=True, output=words[1][1:])
+        assert expected in log and "drive.bag" in log
+
+    ros.write_mcap(tmp_path / "web.mcap", drive_messages("cdr"), "protobuf")
+    _, log = importer(tmp_path / "web.mcap", "--image_topics",
+                      "/left/image_raw", fails=True, output="web")
+    assert "protobuf" in log
+
+    for name, content in (("empty.bag", b""), ("text.mcap", b"text"),
+                          ("old.bag", b"#ROSBAG V1.2\n"),
+                          ("whole.db3.zstd", ros.zstd(b"SQLite")),
+                          ("short.bag", b"#ROSBAG V2.0\n\1")):
+        (tmp_path / name).write_bytes(content)
+        _, log = importer(tmp_path / name, fails=True)
+        assert name in log and ";" in log
+    _, log = importer(tmp_path / "missing.bag", fails=True)
+    assert "missing.bag" in log
+
+
+def test_damaged_messages_are_skipped(importer, tmp_path):
+    messages = [image_message("left", T0 + i * STEP, PIXELS["left", i], "cdr")
+                for i in range(4)]
+    messages[1].data = messages[1].data[:10]
+    messages[2].data = messages[2].data[:100]
+    messages.append(ros.Message(
+        "/b/compressed", "sensor_msgs/CompressedImage", T0,
+        ros.compressed_image("cdr", T0, "b", "jpeg", b"")))
+    messages.append(ros.Message(
+        "/b/compressed", "sensor_msgs/CompressedImage", T0,
+        ros.compressed_image("cdr", T0 + 1, "b", "png", SMALL_PNG)))
+    path = tmp_path / "drive.mcap"
+    ros.write_mcap(path, messages)
+    folder, log = importer(path, "--sampling", "all")
+    images = images_of(folder)
+    assert images.pop(f"b/{name_of(T0 + 1)}.png").read_bytes() == SMALL_PNG
+    assert set(images) == {f"left/{name_of(T0 + i * STEP)}.png"
+                           for i in (0, 3)}
+    assert "/left/image_raw" in log and "damaged message" in log
+
+
+def test_databases_cut_short_or_unclosed(importer, tmp_path):
+    path = tmp_path / "drive.db3"
+    ros.write_db3(path, drive_messages("cdr"))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:len(whole) // 2])
+    _, log = importer(path, fails=True)
+    assert str(path) in log and ".recover" in log
+    path.write_bytes(whole)
+    database = sqlite3.connect(path)
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("UPDATE topics SET name = '/a' WHERE id = 1")
+    database.commit()
+    _, log = importer(path, fails=True)
+    assert f"{path}-wal" in log and "wal_checkpoint" in log
+    database.close()
+
+
+def test_lenses(importer, tmp_path):
+    """Fisheye, rational, rectified, reduced and missing calibrations."""
+    P = [300, 0, 14, -60, 0, 310, 10, 0, 0, 0, 1, 0]
+    fisheye, rational = [0.1, 0.2, 0.3, 0.4], [1, 2, 3, 4, 5, 6, 7, 8]
+    wide_K = [800.0, 0, 31.5, 0, 820.0, 23.5, 0, 0, 1]
+    cases = {
+        "a/image_raw": dict(model="equidistant", distortion=fisheye, K=K),
+        "b/image_raw": dict(model="rational_polynomial", distortion=rational,
+                            K=K),
+        "c/image_rect": dict(model="plumb_bob", distortion=D, K=K, P=P),
+        "d/image_raw": dict(model="plumb_bob", distortion=[0.0] * 5, K=wide_K,
+                            size=(64, 48), binning=(2, 2)),
+        "e/image_raw": dict(model="plumb_bob", distortion=D, K=[0.0] * 9),
+        "f/image_raw": dict(model="plumb_bob", distortion=D, K=K,
+                            size=(64, 48)),
+    }
+    messages = []
+    for name, values in cases.items():
+        topic = "/" + name
+        messages.append(ros.Message(
+            topic.rsplit("/", 1)[0] + "/camera_info", "sensor_msgs/CameraInfo",
+            T0, ros.camera_info("ros1", topic, **{"size": (32, 24), **values})))
+        messages.append(ros.Message(
+            topic, "sensor_msgs/Image", T0,
+            ros.image("ros1", T0, topic, "bgr8", PIXELS["left", 0])))
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, messages)
+    folder, log = importer(path, "--sampling", "all")
+    cameras = {camera["image_prefix"][0]: (camera.get("camera_model_name"),
+                                           camera.get("camera_params"))
+               for camera in json.loads(
+                   (folder / "rig_config.json").read_text())[0]["cameras"]}
+    start = [400, 410, 16, 12]
+    assert cameras["a"] == ("OPENCV_FISHEYE", start + fisheye)
+    assert cameras["b"] == ("FULL_OPENCV", start + rational)
+    assert cameras["c"] == ("PINHOLE", [300, 310, 14.5, 10.5])
+    # The corner of the first pixel stays where it is.
+    assert cameras["d"] == ("PINHOLE", [400, 410, 16, 12])
+    assert cameras["e"] == cameras["f"] == (None, None)
+    assert "'/e/camera_info' has no calibration" in log
+    assert "64 x 48" in log and "32 x 24" in log
+
+
+def test_positions(importer, tmp_path):
+    """GPS as it is; odometry at the first camera."""
+    messages = drive_messages("cdr")
+    for i in range(4):
+        messages.append(ros.Message(
+            "/fix", "sensor_msgs/NavSatFix", T0 + i, ros.nav_sat_fix(
+                "cdr", T0 + i * STEP, (49.0, 8.4 + 1e-5 * i, 110.5),
+                status=-1 if i == 2 else 0)))
+        messages.append(ros.Message(
+            "/odom", "nav_msgs/Odometry", T0 + i, ros.odometry(
+                "cdr", T0 + i * STEP, "base", (1.0 * i, 0, 0),
+                (0, 0, 1, 0))))
+    path = tmp_path / "drive.mcap"
+    ros.write_mcap(path, messages)
+    folder, _ = importer(path, "--sampling", "all")
+    read = numpy.loadtxt(folder / "positions.txt")
+    assert_allclose(read[:, 0], [1.7e9, 1.7e9 + 0.1, 1.7e9 + 0.3], atol=1e-6)
+    assert_allclose(read[:, 1:4], [[49, 8.4 + 1e-5 * i, 110.5]
+                                   for i in (0, 1, 3)], atol=1e-9)
+    folder, _ = importer(path, "--sampling", "all", "--position_topic",
+                         "/odom", output="odometry")
+    read = numpy.loadtxt(folder / "positions.txt")
+    # The body is turned by 180 degrees; the camera is 0.3 m to its left.
+    assert_allclose(read[:, 1:4], [[i, -0.3, 0] for i in range(4)], atol=1e-9)
+    folder, _ = importer(path, "--sampling", "all", "--position_topic",
+                         "none", output="none")
+    assert not (folder / "positions.txt").exists()
