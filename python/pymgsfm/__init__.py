@@ -25,9 +25,10 @@ from .commands import (automatic_reconstruction, build_vocab_tree,
                        bundle_adjustment, configure_rigs, evaluate, extend,
                        extract_features, global_mapping, import_features,
                        import_matches, import_recording, incremental_mapping,
-                       match_exhaustive, match_sequential, match_spatial, match_vocab_tree,
-                       partition, report, run, sample_videos, simulate,
-                       split_images, triangulate_points, verify_matches)
+                       match_exhaustive, match_sequential, match_spatial,
+                       match_vocab_tree, partition, report, run, sample_videos,
+                       simulate, split_images, triangulate_points,
+                       verify_matches)
 from .database import (Database, DatabaseTransaction, PosePrior,
                        PosePriorCoordinateSystem, image_pair_to_pair_id,
                        pair_id_to_image_pair)
