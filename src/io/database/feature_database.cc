@@ -8,7 +8,6 @@
 #include <optional>
 #include <set>
 #include <system_error>
-#include <tuple>
 #include <utility>
 
 #include "database/database_reader.h"
@@ -446,12 +445,12 @@ std::vector<PosePriorRow> FeatureDatabase::ReadPosePriors() const {
 
 // -------------------------------------------------------------- writing
 
+// SQLite assigns an id to a row whose id is NULL, as unbound parameters are.
 CameraId FeatureDatabase::AddCamera(const Camera& camera,
                                     std::optional<CameraId> id) {
   SqliteStatement row = impl_->file().Prepare(
-      "INSERT INTO cameras (model, width, height, params, prior_focal_length" +
-      std::string(id ? ", camera_id) VALUES (?1, ?2, ?3, ?4, ?5, ?6)"
-                     : ") VALUES (?1, ?2, ?3, ?4, ?5)"));
+      "INSERT INTO cameras (model, width, height, params, prior_focal_length, "
+      "camera_id) VALUES (?1, ?2, ?3, ?4, ?5, ?6)");
   RunWithCamera(camera, id, &row);
   return CameraId(impl_->LastId());
 }
@@ -465,17 +464,9 @@ void FeatureDatabase::UpdateCamera(const Camera& camera) {
 
 ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id,
                                   std::optional<ImageId> id) {
-  if (id) {
-    impl_->file()
-        .Prepare(
-            "INSERT INTO images (name, camera_id, image_id) "
-            "VALUES (?1, ?2, ?3)")
-        .Run(name, camera_id, *id);
-    return *id;
-  }
-  impl_->file()
-      .Prepare("INSERT INTO images (name, camera_id) VALUES (?1, ?2)")
-      .Run(name, camera_id);
+  SqliteStatement row = impl_->file().Prepare(
+      "INSERT INTO images (name, camera_id, image_id) VALUES (?1, ?2, ?3)");
+  id ? row.Run(name, camera_id, *id) : row.Run(name, camera_id);
   return ImageId(impl_->LastId());
 }
 
