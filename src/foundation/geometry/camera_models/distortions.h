@@ -34,7 +34,8 @@ template <class Distortion>
 std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
                                                 const Eigen::Vector2d& target,
                                                 double max_radius) {
-  // Newton converges in a few steps; more halvings exhaust the precision.
+  // Newton converges in a few steps; more halvings exhaust the precision. Steps
+  // that creep to the end of the region share them: there is no solution.
   constexpr int kMaxHalvings = std::numeric_limits<double>::digits;
   const auto is_inside = [&](const Eigen::Vector2d& m) {
     return m.norm() < max_radius && Distortion::IsInjectiveTo(k, m.norm());
@@ -46,6 +47,7 @@ std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
 
   DistortionJacobians<Distortion::kNumParams> jacobians;
   Eigen::Vector2d error = Distortion::Distort(k, m, &jacobians) - target;
+  int num_halvings = 0;
   for (int iteration = 0; iteration < 100; ++iteration) {
     if (error.norm() <= kInverseTolerance * unit) return m;
     Eigen::Vector2d step = jacobians.point.inverse() * error;
@@ -54,7 +56,6 @@ std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
              (Distortion::Distort(k, next, nullptr) - target).norm() <
                  error.norm();
     };
-    int num_halvings = 0;
     while (num_halvings < kMaxHalvings && !is_better(m - step)) {
       step *= 0.5;
       ++num_halvings;
