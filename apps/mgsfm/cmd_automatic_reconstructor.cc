@@ -244,7 +244,8 @@ Context WithoutRepetitions(const Context& context) {
 
 std::vector<std::string> NamesOf(const AutomaticReconstructorOptions& options) {
   return ListImages(options.image_path, options.extraction.image_list_path,
-                    options.extraction.reader.mask_path);
+                    options.extraction.reader.mask_path,
+                    options.extraction.reader.camera_mask_path);
 }
 
 // Splits the images; options of later steps refer to the result.
@@ -253,15 +254,19 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
   ImageReaderOptions& reader = options->extraction.reader;
   const bool is_panorama = kind == CombinedImages::kPanorama;
   const ImageRunSummary summary = SplitImages(
-      {*options->image_path, NamesOf(*options), *reader.mask_path,
-       *reader.camera_params_path, views_path,
+      {*options->image_path,
+       NamesOf(*options),
+       {*reader.mask_path, *reader.camera_mask_path},
+       *reader.camera_params_path,
+       views_path,
        is_panorama ? *options->input.loading.rig_config_path : std::string()},
       kind, options->splitting, context);
   context.Info("split " + Describe(summary) + "; the models are of " +
                (views_path / "images").string());
   options->image_path = (views_path / "images").string();
   options->extraction.image_list_path = "";
-  if (!reader.mask_path->empty()) {
+  if (!reader.mask_path->empty() || !reader.camera_mask_path->empty()) {
+    reader.camera_mask_path = "";
     reader.mask_path = (views_path / "masks").string();
   }
   if (is_panorama) {
