@@ -70,8 +70,9 @@ struct SceneLoadingOptions {
       "a folder."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Choose how image names identify cameras and frames: auto (by folder, "
-      "unless the database has rigs), none (single images), or a regular "
+      "Choose how image names identify cameras and frames: auto (by folder, or "
+      "by the part of names in one folder that is called like cameras, unless "
+      "the database has rigs), none (single images), or a regular "
       "expression with a group (?<camera>...) and optional groups "
       "(?<frame>...) and (?<rig>...)."};
 

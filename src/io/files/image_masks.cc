@@ -217,7 +217,7 @@ fs::path ImageMasks::CameraMaskOf(const std::string& image_name) const {
   if (!fs::is_directory(paths_.of_cameras, ignored)) return paths_.of_cameras;
   for (std::string folder = FolderOfName(image_name); !folder.empty();
        folder = FolderOfName(folder)) {
-    const fs::path path = CameraMaskPathOf(paths_.of_cameras, folder);
+    fs::path path = CameraMaskPathOf(paths_.of_cameras, folder);
     if (fs::exists(path, ignored)) return path;
   }
   return {};
