@@ -110,11 +110,14 @@ void CheckValuesOfImages(const std::vector<std::string>& names,
   }
   // Trajectories also need the frames.
   const std::string& positions = priors.ref_images_path;
-  if (!positions.empty() &&
+  if (!positions.empty() && priors.ref_columns->empty() &&
       DetectPositionFormat(positions) == PositionFileFormat::kNamed) {
     (void)ReadPositionPriors(scene, "", priors);
   }
-  if (!priors.gravity_path->empty()) (void)ReadGravity(scene, "", priors);
+  if (!priors.gravity_path->empty() &&
+      !HasTimedVectors(scene, priors.gravity_path)) {
+    (void)ReadGravity(scene, "", priors);
+  }
 }
 
 // Kind of images, under COLMAP's names.
@@ -304,6 +307,7 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
       {"calibration_path", loading.calibration_path},
       {"image_timestamps_path", loading.image_timestamps_path},
       {"ref_images_path", priors.ref_images_path},
+      {"ref_times_path", priors.ref_times_path},
       {"gravity_path", priors.gravity_path},
       {"ImageReader.mask_path", reader.mask_path},
       {"ImageReader.camera_mask_path", reader.camera_mask_path},
