@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "georegistration/position_registration.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -100,16 +102,31 @@ class OffsetFit {
     return rows;
   }
 
+  // The residual in standard deviations.
+  double LengthOf(const TimedSample& sample, const Unknowns& unknowns) const {
+    return (sample.residual - RowsOf(sample) * unknowns).norm() / sample.sigma;
+  }
+
+  std::vector<double> Lengths(const Unknowns& unknowns) const {
+    std::vector<double> lengths;
+    for (const TimedSample& sample : samples_) {
+      lengths.push_back(LengthOf(sample, unknowns));
+    }
+    return lengths;
+  }
+
   std::optional<Result> Step(std::optional<size_t> left_out,
                              Unknowns* unknowns) const {
+    const double bound = OutlierBound(Median(Lengths(*unknowns)));
     Normal normal = Normal::Zero();
     Unknowns right = Unknowns::Zero();
     for (size_t i = 0; i < samples_.size(); ++i) {
       if (left_out == i * kNumBlocks / samples_.size()) continue;
       const TimedSample& sample = samples_[i];
+      const double length = LengthOf(sample, *unknowns);
+      if (length > bound) continue;
       const Rows rows = RowsOf(sample) / sample.sigma;
       const Vector3d measured = sample.residual / sample.sigma;
-      const double length = (measured - rows * *unknowns).norm();
       const double weight = length > kHuberWidth ? kHuberWidth / length : 1.0;
       normal += weight * rows.transpose() * rows;
       right += weight * rows.transpose() * measured;

@@ -26,7 +26,9 @@ struct ClockOffset {
 // over the offset o and a small similarity (a, w, s), for images with a time, a
 // position g_i, a center c_i at d_i from the mean center, and a velocity v_i by
 // central differences of the centers. s is 0 if the model is metric. rho is
-// Huber's. A clock that is ahead assigns to an image where the rig was before.
+// Huber's; images beyond OutlierBound of the current fit do not count, so that
+// a large offset does not look like outliers. A clock that is ahead assigns to
+// an image where the rig was before.
 //
 // The standard deviation is the larger one of noise (sigma_i) and of a
 // jackknife over 16 stretches of time, which knows the drift of the model. An

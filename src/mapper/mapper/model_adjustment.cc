@@ -74,10 +74,10 @@ bool IsPlausible(const ModelDeformation& deformation, double extent) {
 }
 
 // Warns if positions fit the path better at other times.
-void WarnOfClockOffset(const AdjustmentInput& input, const PositionPriors& used,
+void WarnOfClockOffset(const AdjustmentInput& input,
                        const Reconstruction& model, const Context& context) {
   const auto clock =
-      EstimateClockOffset(input.scene, used, model, input.is_metric);
+      EstimateClockOffset(input.scene, input.positions, model, input.is_metric);
   if (!clock || !clock->is_significant) return;
   const bool is_ahead = clock->offset_s > 0.0;
   context.Warning(Formatted(
@@ -106,7 +106,7 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   model->position_priors = std::move(registration.summary);
   PositionPriorSummary& summary = *model->position_priors;
   if (!summary.is_registered) return std::move(registration.used);
-  WarnOfClockOffset(input, registration.used, *initial, context);
+  WarnOfClockOffset(input, *initial, context);
   const double extent = ExtentOf(*initial);
   summary.deformation =
       DeformToPriors({input.scene, input.view_graph, input.pair_is_used,

@@ -59,7 +59,8 @@ class ClockOffsetTest : public testing::Test {
     for (size_t i = 0; i < priors.images.size(); ++i) {
       const Image& image = simulation_.scene.images[i];
       if (!simulation_.scene.IsReference(image.sensor_idx)) continue;
-      const Vector3d noise(random.Normal(), random.Normal(), random.Normal());
+      Vector3d noise(random.Normal(), random.Normal(), random.Normal());
+      if (random.Index(20) == 0) noise *= 60.0;  // 5 % outliers
       priors.images[i] = PositionMeasurement{
           CenterAt(image.sensor_idx, 0.1 * image.frame_idx - ahead_s) +
               sigma_m * noise,
