@@ -58,7 +58,7 @@ struct PosePriorOptions {
       "Read the times of a KITTI trajectory in ref_images_path from this file, "
       "one in seconds per line, to interpolate it at image times."};
   Option<double> prior_clock_offset_s{
-      "prior_clock_offset_s", 0.0, Between(-1e6, 1e6), "s",
+      "prior_clock_offset_s", 0.0, Between(-1e10, 1e10), "s",
       "Add this to image times to get times of ref_images_path and "
       "gravity_path, whose clock is ahead by it."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
