@@ -76,7 +76,7 @@ std::optional<EquidistantFit> FitEquidistant(const Camera& camera,
                                              const CameraModelInfo& info) {
   constexpr int kGridSize = 40;
   // At larger angles, lenses show their own mount.
-  constexpr double kMaxAngle_deg = 110.0;
+  constexpr double kMaxAngleDeg = 110.0;
   constexpr int kNumPowers = 5, kNumUnknowns = 2 + kNumPowers;
   if (info.focal_length_idxs.empty()) return std::nullopt;
   const double aspect = camera.params[info.focal_length_idxs.back()] /
@@ -86,14 +86,14 @@ std::optional<EquidistantFit> FitEquidistant(const Camera& camera,
   Eigen::VectorXd b = Eigen::VectorXd::Zero(A.rows());
   int num_pixels = 0;
   for (int i = 0; i < kGridSize * kGridSize; ++i) {
-    const Eigen::Vector2d pixel(
-        (i % kGridSize + 0.5) / kGridSize * camera.width_px,
-        (i / kGridSize + 0.5) / kGridSize * camera.height_px);
+    const int row = i / kGridSize, column = i % kGridSize;
+    const Eigen::Vector2d pixel((column + 0.5) / kGridSize * camera.width_px,
+                                (row + 0.5) / kGridSize * camera.height_px);
     const auto ray = RayFromPixel(camera.model, camera.params.data(), pixel);
     if (!ray) continue;
     const double radius = ray->head<2>().norm();
     const double angle_rad = std::atan2(radius, ray->z());
-    if (angle_rad > DegToRad(kMaxAngle_deg) || !(radius > 0.0)) continue;
+    if (angle_rad > DegToRad(kMaxAngleDeg) || !(radius > 0.0)) continue;
     auto rows = A.middleRows<2>(2 * num_pixels);
     rows.leftCols<2>().setIdentity();
     double power = angle_rad;
@@ -128,12 +128,12 @@ std::optional<EquidistantFit> FitEquidistant(const Camera& camera,
 // else Error.
 OpenCvCamera ToEquidistantCamera(const ExportInput& input, int camera_idx,
                                  const std::string& format, bool is_permitted) {
-  constexpr double kMaxFitError_px = 0.5;
+  constexpr double kMaxFitErrorPx = 0.5;
   const Camera& camera = input.model.cameras[camera_idx];
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   auto fit = is_permitted ? FitEquidistant(camera, info) : std::nullopt;
-  if (fit && fit->max_error_px <= kMaxFitError_px) {
+  if (fit && fit->max_error_px <= kMaxFitErrorPx) {
     fit->camera.fit =
         Formatted("equidistant fit of %s, errors up to %.3f px",
                   std::string(info.name).c_str(), fit->max_error_px);

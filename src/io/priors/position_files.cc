@@ -110,7 +110,7 @@ double TimeOf(const Image& image, const std::string& path) {
 }
 
 template <class Sample>
-double MaxGap_s(const std::vector<Sample>& samples) {
+double MaxGapSeconds(const std::vector<Sample>& samples) {
   std::vector<double> intervals_s;
   for (size_t i = 1; i < samples.size(); ++i) {
     intervals_s.push_back(samples[i].timestamp_s - samples[i - 1].timestamp_s);
@@ -168,7 +168,7 @@ template <class Sample, class Use>
 void ForEachFrame(const Scene& scene, const std::string& path,
                   const std::vector<Sample>& samples, const PriorClock& clock,
                   const Use& use) {
-  const double max_gap_s = MaxGap_s(samples);
+  const double max_gap_s = MaxGapSeconds(samples);
   bool has_any = false;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const int image_idx = MainImage(scene, scene.frames[i]);
