@@ -110,11 +110,14 @@ void CheckValuesOfImages(const std::vector<std::string>& names,
   }
   // Trajectories also need the frames.
   const std::string& positions = priors.ref_images_path;
-  if (!positions.empty() &&
+  if (!positions.empty() && priors.ref_columns->empty() &&
       DetectPositionFormat(positions) == PositionFileFormat::kNamed) {
     (void)ReadPositionPriors(scene, "", priors);
   }
-  if (!priors.gravity_path->empty()) (void)ReadGravity(scene, "", priors);
+  if (!priors.gravity_path->empty() &&
+      !HasTimedVectors(scene, priors.gravity_path)) {
+    (void)ReadGravity(scene, "", priors);
+  }
 }
 
 // Kind of images, under COLMAP's names.
@@ -254,7 +257,8 @@ Context WithoutRepetitions(const Context& context) {
 
 std::vector<std::string> NamesOf(const AutomaticReconstructorOptions& options) {
   return ListImages(options.image_path, options.extraction.image_list_path,
-                    options.extraction.reader.mask_path);
+                    options.extraction.reader.mask_path,
+                    options.extraction.reader.camera_mask_path);
 }
 
 // Splits the images; options of later steps refer to the result.
@@ -263,15 +267,19 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
   ImageReaderOptions& reader = options->extraction.reader;
   const bool is_panorama = kind == CombinedImages::kPanorama;
   const ImageRunSummary summary = SplitImages(
-      {*options->image_path, NamesOf(*options), *reader.mask_path,
-       *reader.camera_params_path, views_path,
+      {*options->image_path,
+       NamesOf(*options),
+       {*reader.mask_path, *reader.camera_mask_path},
+       *reader.camera_params_path,
+       views_path,
        is_panorama ? *options->input.loading.rig_config_path : std::string()},
       kind, options->splitting, context);
   context.Info("split " + Describe(summary) + "; the models are of " +
                (views_path / "images").string());
   options->image_path = (views_path / "images").string();
   options->extraction.image_list_path = "";
-  if (!reader.mask_path->empty()) {
+  if (!reader.mask_path->empty() || !reader.camera_mask_path->empty()) {
+    reader.camera_mask_path = "";
     reader.mask_path = (views_path / "masks").string();
   }
   if (is_panorama) {
@@ -314,6 +322,7 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
       {"calibration_path", loading.calibration_path},
       {"image_timestamps_path", loading.image_timestamps_path},
       {"ref_images_path", priors.ref_images_path},
+      {"ref_times_path", priors.ref_times_path},
       {"gravity_path", priors.gravity_path},
       {"ImageReader.mask_path", reader.mask_path},
       {"ImageReader.camera_mask_path", reader.camera_mask_path},

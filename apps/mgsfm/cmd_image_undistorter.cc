@@ -66,6 +66,10 @@ struct ImageUndistorterOptions {
   Option<std::string> mask_path{"mask_path", "",
                                 "Undistort the masks in this folder, too, such "
                                 "as cam0/a.jpg.png for cam0/a.jpg."};
+  Option<std::string> camera_mask_path{
+      "camera_mask_path", "",
+      "Undistort the masks of cameras, too: cam0.png in this folder for all "
+      "images below cam0, or a file for all images."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
                            "Set the quality of JPEG images; 100 is best."};
   ViewOptions views;
@@ -74,7 +78,7 @@ struct ImageUndistorterOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(image_path, input_path, output_path, output_type, mask_path,
-          jpeg_quality, views, rigs);
+          camera_mask_path, jpeg_quality, views, rigs);
   }
 };
 
@@ -93,6 +97,10 @@ fs::path ModelFolder(UndistortionLayout layout) {
 
 fs::path Canonical(const fs::path& path) {
   return fs::weakly_canonical(fs::absolute(path));
+}
+
+std::string CanonicalOrEmpty(const std::string& path) {
+  return path.empty() ? "" : Canonical(path).string();
 }
 
 // ------------------------------------------------------------------- settings
@@ -123,9 +131,8 @@ std::string Settings(const ImageUndistorterOptions& options,
   }
   const nlohmann::ordered_json settings = {
       {"image_path", Canonical(*options.image_path).string()},
-      {"mask_path", options.mask_path->empty()
-                        ? ""
-                        : Canonical(*options.mask_path).string()},
+      {"mask_path", CanonicalOrEmpty(options.mask_path)},
+      {"camera_mask_path", CanonicalOrEmpty(options.camera_mask_path)},
       {"has_flat_names",
        options.output_type == UndistortionLayout::kGaussianSplatting},
       {"has_masks", writes_masks},
@@ -172,7 +179,9 @@ void LogViews(const Scene& scene,
 bool NeedsMasks(const ImageUndistorterOptions& options,
                 const Reconstruction& model,
                 const std::vector<std::vector<View>>& views_of_camera) {
-  if (!options.mask_path->empty()) return true;
+  if (!options.mask_path->empty() || !options.camera_mask_path->empty()) {
+    return true;
+  }
   for (size_t i = 0; i < views_of_camera.size(); ++i) {
     for (const View& view : views_of_camera[i]) {
       if (HasBlankPixels(model.cameras[i], view)) return true;
@@ -235,8 +244,8 @@ void WriteLayoutFiles(const ImageUndistorterOptions& options, bool has_masks,
 int RunImageUndistorter(const ImageUndistorterOptions& options,
                         const Context& context) {
   CheckImagePath(options.image_path);
-  CheckIsApart(*options.output_path, *options.image_path);
-  CheckIsApart(*options.output_path, *options.mask_path);
+  const MaskPaths mask_paths = {*options.mask_path, *options.camera_mask_path};
+  CheckIsApart(*options.output_path, *options.image_path, mask_paths);
   const ModelFile tool_model =
       ReadModelFile(options.input_path, options.rigs, context);
   const SceneModel& input = tool_model.model;
@@ -256,15 +265,15 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
   const fs::path output_path = *options.output_path;
   const std::vector<ImageTask> tasks = MakeTasks(input.scene, model);
   CheckImagesExist(tasks, *options.image_path);
-  CheckMasksOf(tasks, *options.mask_path, "mask_path", context);
+  CheckMasksOf(tasks, mask_paths, context);
   ContinueOrBegin(output_path, Settings(options, input.reconstruction,
                                         views_of_camera, has_masks));
   StagedOutput output(output_path / ModelFolder(options.output_type),
                       OutputKind::kModel);
   const ImageRunSummary summary =
       WriteViews(tasks, input.reconstruction.cameras, views_of_camera,
-                 {*options.image_path, *options.mask_path, output_path,
-                  has_masks, options.jpeg_quality},
+                 {*options.image_path, mask_paths, output_path, has_masks,
+                  options.jpeg_quality},
                  context);
   WriteLayoutFiles(options, has_masks, model);
   const size_t num_images = model.scene.images.size();

@@ -289,6 +289,10 @@ struct ImageSplitterOptions {
   Option<std::string> mask_path{"mask_path", "",
                                 "Split the masks in this folder, too, such as "
                                 "pano/a.jpg.png for pano/a.jpg."};
+  Option<std::string> camera_mask_path{
+      "camera_mask_path", "",
+      "Split the masks of cameras, too: pano.png in this folder for all images "
+      "below pano, or a file for all images."};
   Option<std::string> camera_params_path{
       "camera_params_path", "",
       "Read the intrinsics of ordinary cameras beside the panoramas from this "
@@ -303,7 +307,7 @@ struct ImageSplitterOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(image_path, output_path, image_type, image_list_path, mask_path,
-          camera_params_path, rig_config_path, splitting);
+          camera_mask_path, camera_params_path, rig_config_path, splitting);
   }
 };
 
@@ -313,9 +317,11 @@ int RunImageSplitter(const ImageSplitterOptions& options,
   const ImageRunSummary summary =
       SplitImages({*options.image_path,
                    ListImages(options.image_path, options.image_list_path,
-                              options.mask_path),
-                   *options.mask_path, *options.camera_params_path,
-                   *options.output_path, *options.rig_config_path},
+                              options.mask_path, options.camera_mask_path),
+                   {*options.mask_path, *options.camera_mask_path},
+                   *options.camera_params_path,
+                   *options.output_path,
+                   *options.rig_config_path},
                   options.image_type, options.splitting, context);
   context.Info("split " + Describe(summary));
   return kExitSuccess;

@@ -39,9 +39,10 @@ struct MapperCommandOptions {
   Option<std::string> fixed_region_mask_path{
       "fixed_region_mask_path", "",
       "Write masks of the image regions that move along with the rig, such as "
-      "a hull or an operator, into this new folder: one per image, as "
-      "ImageReader.mask_path reads them. Without such regions, nothing is "
-      "written."};
+      "a hull or an operator, into this new folder: one per folder of images, "
+      "as ImageReader.camera_mask_path reads them, or one per image, for "
+      "ImageReader.mask_path, if cameras share folders. Without such regions, "
+      "nothing is written."};
   LiveViewOptions live;
   SceneLoadingOptions loading;
   PosePriorOptions priors;

@@ -238,17 +238,17 @@ constexpr BasicHelp kBasicHelps[] = {
      "mgsfm image_undistorter --image_path images --input_path sparse/0 "
      "--output_path undistorted",
      "image_path input_path output_path output_type projection field_of_view "
-     "blank_pixels max_image_size mask_path"},
+     "blank_pixels max_image_size mask_path camera_mask_path"},
     {"feature_extractor",
      "mgsfm feature_extractor --database_path database.db --image_path images",
      "database_path image_path image_list_path ImageReader.camera_model "
      "ImageReader.camera_params_path ImageReader.mask_path "
-     "ImageReader.single_camera_per_folder"},
+     "ImageReader.camera_mask_path ImageReader.single_camera_per_folder"},
     {"image_splitter",
      "mgsfm image_splitter --image_path panoramas --output_path views "
      "--image_type panorama",
      "image_path output_path image_type field_of_view max_image_size "
-     "mask_path camera_params_path"},
+     "mask_path camera_mask_path camera_params_path"},
     {"video_sampler",
      "mgsfm video_sampler --video_path front.mp4 left.mp4 --output_path videos",
      "video_path output_path sampling rate min_motion alignment time_offsets"},

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Masks of what moves along with the rig, as the mapper writes them.
+#include "fixed_region_masks.h"
+
 #include <gmock/gmock.h>
 
-#include <map>
+#include <opencv2/core.hpp>
 
 #include "cli/shared_drive.h"
-#include "features/image_file.h"
+#include "files/image_masks.h"
+#include "mgsfm/database/feature_database.h"
 
 namespace mgsfm {
 namespace {
@@ -23,28 +26,51 @@ class FixedRegionMasks : public SharedDriveTest {
   }
 };
 
-// The cabin fills a part of each image. All images of a camera have one mask,
-// which the reader of masks accepts.
-TEST_F(FixedRegionMasks, ImagesOfOneCameraShareTheMaskOfTheCabin) {
+// The cabin fills a part of each image. The reader of masks finds it for all
+// images of the folder.
+TEST_F(FixedRegionMasks, CamerasGetTheMaskOfTheCabin) {
   const std::string folder = Path("masks");
   const CommandOutput output = Map(folder);
   ASSERT_EQ(output.exit_code, 0) << output.err;
-  EXPECT_THAT(output.err, HasSubstr("ImageReader.mask_path"));
-  std::map<fs::path, GrayImage> mask_of_camera;
-  size_t num_masks = 0;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (!entry.is_regular_file()) continue;
-    const auto mask = ReadMask(entry.path(), int64_t{1} << 30);
-    ASSERT_TRUE(mask.has_value()) << entry.path();
-    const auto num_hidden = (mask->array() == 0).count();
-    EXPECT_GT(num_hidden, 0);
-    EXPECT_LT(num_hidden, mask->size());
-    const auto [found, is_new] =
-        mask_of_camera.emplace(entry.path().parent_path(), *mask);
-    EXPECT_TRUE(is_new || found->second == *mask);
-    ++num_masks;
+  EXPECT_THAT(output.err,
+              HasSubstr("'" + folder + "' to ImageReader.camera_mask_path"));
+  std::vector<std::string> names;
+  for (const ImageRow& image :
+       FeatureDatabase(Database(), FeatureDatabase::OpenMode::kExisting)
+           .ReadStructure(Context())
+           .images) {
+    names.push_back(image.name);
   }
-  EXPECT_GT(num_masks, mask_of_camera.size());
+  const ImageMasks masks({"", folder}, int64_t{1} << 30);
+  masks.Check(names, "ImageReader.", Context());
+  size_t num_masked = 0;
+  for (const std::string& name : names) {
+    const cv::Mat mask = masks.Read(name);
+    if (mask.empty()) continue;
+    const int num_hidden = mask.rows * mask.cols - cv::countNonZero(mask);
+    EXPECT_GT(num_hidden, 0);
+    EXPECT_LT(num_hidden, mask.rows * mask.cols);
+    ++num_masked;
+  }
+  EXPECT_GT(num_masked, 0u);
+}
+
+// Cameras that share a folder, also by the folders around them.
+TEST(WriteFixedRegionMasks, ImagesGetMasksIfFoldersDoNotTellTheirCameras) {
+  for (const char* other : {"rig/b_1.jpg", "rig/b/1.jpg"}) {
+    SCOPED_TRACE(other);
+    Scene scene;
+    scene.cameras = {
+        {CameraId(1), CameraModelId::kPinhole, 64, 48, {50, 50, 32, 24}}};
+    scene.images = {{ImageId(1), "rig/a_1.jpg", 0, 0, 0, {}},
+                    {ImageId(2), other, 0, 1, 0, {}}};
+    const TempDir dir;
+    WriteFixedRegionMasks(dir.path(), scene, {{0, 1, 2, Mask{true, false}}},
+                          Context());
+    EXPECT_TRUE(fs::exists(dir.path() / "rig/a_1.jpg.png"));
+    EXPECT_FALSE(fs::exists(dir.path() / "rig.png"));
+    EXPECT_FALSE(fs::exists(dir.path() / (std::string(other) + ".png")));
+  }
 }
 
 TEST_F(FixedRegionMasks, MasksOfTheUserAreKept) {

@@ -58,8 +58,9 @@ struct ImageReaderOptions {
       "the mask of the image cam0/a.jpg."};
   Option<std::string> camera_mask_path{
       "camera_mask_path", "",
-      "Drop features where this mask of all images is black, for example on "
-      "the vehicle that carries the cameras."};
+      "Drop features where the mask of the camera is black, for example on the "
+      "vehicle that carries it: cam0.png in this folder is the mask of all "
+      "images below cam0. A file is the mask of all images."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -132,11 +133,12 @@ struct FeatureExtractionSummary {
 
 // The names of the files below the folder `image_path`, or those in the file
 // `list_path` unless that is empty: sorted, without duplicates. Links to
-// folders are followed; hidden files are ignored, and so are masks if the
-// folder `mask_path` is below `image_path`. Throws Error if there is none.
+// folders are followed; hidden files are ignored, and so are masks in
+// `image_path`. Throws Error if there is none.
 [[nodiscard]] std::vector<std::string> ListImages(
     const std::string& image_path, const std::string& list_path,
-    const std::string& mask_path = "");
+    const std::string& mask_path = "",
+    const std::string& camera_mask_path = "");
 
 // Extracts SIFT features of the images below the folder `image_path` and adds
 // them to the database, together with cameras and with GPS positions as pose

@@ -66,12 +66,13 @@ struct SceneLoadingOptions {
       "calibration_path", "",
       "Read intrinsics and poses in the rig from a calibration by Kalibr, "
       "EuRoC (sensor.yaml), OpenCV, ROS, KITTI, KITTI-360, nuScenes, Argoverse "
-      "1 or COLMAP (rig_config.json): a file, several separated by commas, or "
-      "a folder."};
+      "1, OpenSfM (rig_cameras.json), kapture (sensors.txt) or COLMAP "
+      "(rig_config.json): a file, several separated by commas, or a folder."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Choose how image names identify cameras and frames: auto (by folder, "
-      "unless the database has rigs), none (single images), or a regular "
+      "Choose how image names identify cameras and frames: auto (by folder, or "
+      "by the part of names in one folder that is called like cameras, unless "
+      "the database has rigs), none (single images), or a regular "
       "expression with a group (?<camera>...) and optional groups "
       "(?<frame>...) and (?<rig>...)."};
 

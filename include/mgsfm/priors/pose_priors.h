@@ -44,9 +44,23 @@ struct PosePriorOptions {
   Option<std::string> ref_images_path{
       "ref_images_path", "",
       "Use the positions in this file instead of the table pose_priors: one "
-      "line `image_name X Y Z` per image, or a trajectory of the reference "
-      "camera in the format of TUM (by image times) or KITTI (one line per "
-      "frame)."};
+      "line `image_name X Y Z` per image, a trajectory of the reference camera "
+      "in the format of TUM, EuRoC (by image times) or KITTI (one line per "
+      "frame), or a CSV file with positions by time."};
+  Option<std::string> ref_columns{
+      "ref_columns", "",
+      "Name the columns of a CSV file in ref_images_path, as KEY=COLUMN "
+      "separated by commas. Keys are time (s), time_ms, time_us, time_ns; x, "
+      "y, z or latitude, longitude, altitude; std_x, std_y, std_z (m). A key "
+      "without an item is a column of that name."};
+  Option<std::string> ref_times_path{
+      "ref_times_path", "",
+      "Read the times of a KITTI trajectory in ref_images_path from this file, "
+      "one in seconds per line, to interpolate it at image times."};
+  Option<double> prior_clock_offset_s{
+      "prior_clock_offset_s", 0.0, Between(-1e10, 1e10), "s",
+      "Add this to image times to get times of ref_images_path and "
+      "gravity_path, whose clock is ahead by it."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<bool> overwrite_priors_covariance{
@@ -69,14 +83,15 @@ struct PosePriorOptions {
   Option<std::string> gravity_path{
       "gravity_path", "",
       "Use the gravity directions in this file instead, one line `image_name "
-      "GX GY GZ` per image, in the camera frame."};
+      "GX GY GZ` per image, in the camera frame, or lines `SECONDS GX GY GZ`, "
+      "in that of the reference camera, interpolated at image times."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(use_prior_position, ref_images_path, ref_is_gps,
-          overwrite_priors_covariance, prior_position_std_x_m,
-          prior_position_std_y_m, prior_position_std_z_m, use_prior_gravity,
-          gravity_path);
+    visit(use_prior_position, ref_images_path, ref_columns, ref_times_path,
+          prior_clock_offset_s, ref_is_gps, overwrite_priors_covariance,
+          prior_position_std_x_m, prior_position_std_y_m,
+          prior_position_std_z_m, use_prior_gravity, gravity_path);
   }
 
   bool AreUsed() const {

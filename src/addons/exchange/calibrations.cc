@@ -1,11 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/QR>
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "exchange/exchange_formats.h"
 #include "exchange/formats.h"
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -25,6 +32,10 @@ struct OpenCvCamera {
   double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;
   OpenCvDistortion distortion = OpenCvDistortion::kRadialTangential;
   std::vector<double> coefficients;
+  std::string fit;  // model and error of a fit, in words; empty if exact
+
+  // A line of YAML.
+  std::string Comment() const { return fit.empty() ? "" : "# " + fit + "\n"; }
 };
 
 struct Distortion {
@@ -49,27 +60,122 @@ constexpr Distortion kDistortions[] = {
     {CameraModelId::kEucm, OpenCvDistortion::kUnified, 2},
 };
 
-// Throws Error, naming the camera and `format`, unless the distortion is one of
-// `permitted`.
+// OpenCV puts the origin into the center of the first pixel, COLMAP into its
+// corner.
+constexpr double kPixelCenter = 0.5;
+
+struct EquidistantFit {
+  OpenCvCamera camera;
+  double max_error_px = 0.0;
+};
+
+// The equidistant camera with the same rays, by linear least squares over a
+// grid of pixels: the center of the image, and the odd polynomial of the angle
+// to the axis that is the radius. nullopt if most pixels have no ray.
+std::optional<EquidistantFit> FitEquidistant(const Camera& camera,
+                                             const CameraModelInfo& info) {
+  constexpr int kGridSize = 40;
+  // At larger angles, lenses show their own mount.
+  constexpr double kMaxAngleDeg = 110.0;
+  constexpr int kNumPowers = 5, kNumUnknowns = 2 + kNumPowers;
+  if (info.focal_length_idxs.empty()) return std::nullopt;
+  const double aspect = camera.params[info.focal_length_idxs.back()] /
+                        camera.params[info.focal_length_idxs.front()];
+  Eigen::MatrixXd A =
+      Eigen::MatrixXd::Zero(2 * kGridSize * kGridSize, kNumUnknowns);
+  Eigen::VectorXd b = Eigen::VectorXd::Zero(A.rows());
+  int num_pixels = 0;
+  for (int i = 0; i < kGridSize * kGridSize; ++i) {
+    const int row = i / kGridSize, column = i % kGridSize;
+    const Eigen::Vector2d pixel((column + 0.5) / kGridSize * camera.width_px,
+                                (row + 0.5) / kGridSize * camera.height_px);
+    const auto ray = RayFromPixel(camera.model, camera.params.data(), pixel);
+    if (!ray) continue;
+    const double radius = ray->head<2>().norm();
+    const double angle_rad = std::atan2(radius, ray->z());
+    if (angle_rad > DegToRad(kMaxAngleDeg) || !(radius > 0.0)) continue;
+    auto rows = A.middleRows<2>(2 * num_pixels);
+    rows.leftCols<2>().setIdentity();
+    double power = angle_rad;
+    for (int k = 0; k < kNumPowers; ++k, power *= angle_rad * angle_rad) {
+      rows.col(2 + k) = power / radius * ray->head<2>();
+    }
+    b.segment<2>(2 * num_pixels) =
+        Eigen::Vector2d(pixel.x(), pixel.y() / aspect);
+    ++num_pixels;
+  }
+  if (2 * num_pixels < kGridSize * kGridSize) return std::nullopt;
+  const Eigen::VectorXd x = A.colPivHouseholderQr().solve(b);
+  EquidistantFit fit;
+  OpenCvCamera& result = fit.camera;
+  result.fx = x[2];
+  result.fy = aspect * x[2];
+  result.cx = x[0] - kPixelCenter;
+  result.cy = aspect * x[1] - kPixelCenter;
+  result.distortion = OpenCvDistortion::kEquidistant;
+  for (int k = 1; k < kNumPowers; ++k) {
+    result.coefficients.push_back(x[2 + k] / x[2]);
+  }
+  const Eigen::VectorXd errors = A * x - b;
+  for (int i = 0; i < num_pixels; ++i) {
+    const Eigen::Vector2d error(errors[2 * i], aspect * errors[2 * i + 1]);
+    fit.max_error_px = std::max(fit.max_error_px, error.norm());
+  }
+  return fit;
+}
+
+// The fit if it is within half a pixel, less than the error of keypoints, or
+// else Error.
+OpenCvCamera ToEquidistantCamera(const ExportInput& input, int camera_idx,
+                                 const std::string& format, bool is_permitted) {
+  constexpr double kMaxFitErrorPx = 0.5;
+  const Camera& camera = input.model.cameras[camera_idx];
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  auto fit = is_permitted ? FitEquidistant(camera, info) : std::nullopt;
+  if (fit && fit->max_error_px <= kMaxFitErrorPx) {
+    fit->camera.fit =
+        Formatted("equidistant fit of %s, errors up to %.3f px",
+                  std::string(info.name).c_str(), fit->max_error_px);
+    return std::move(fit->camera);
+  }
+  const std::string error =
+      fit ? Formatted(" but with errors up to %.1f px", fit->max_error_px) : "";
+  throw Error(CameraLabel(input.scene, camera_idx) + " is of the model " +
+              std::string(info.name) + ", which " + format +
+              " cannot represent" + error +
+              "; undistort the images first, or map with another camera model");
+}
+
+using Permitted = std::vector<OpenCvDistortion>;
+
+const Permitted kOfEuroc = {OpenCvDistortion::kRadialTangential,
+                            OpenCvDistortion::kEquidistant};
+const Permitted kOfKalibr = {
+    OpenCvDistortion::kRadialTangential, OpenCvDistortion::kEquidistant,
+    OpenCvDistortion::kFieldOfView, OpenCvDistortion::kUnified};
+const Permitted kOfRos = {OpenCvDistortion::kRadialTangential,
+                          OpenCvDistortion::kRational,
+                          OpenCvDistortion::kEquidistant};
+
+// Fits the equidistant model, if it is one of `permitted`, unless the
+// distortion is. Throws Error, naming the camera and `format`, if that fails.
 OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
                             const std::string& format,
-                            const std::vector<OpenCvDistortion>& permitted) {
-  // OpenCV puts the origin into the center of the first pixel, COLMAP into its
-  // corner.
-  constexpr double kPixelCenter = 0.5;
+                            const Permitted& permitted) {
   const Camera& camera = input.model.cameras[camera_idx];
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   const auto* distortion = std::find_if(
       std::begin(kDistortions), std::end(kDistortions),
       [&](const Distortion& entry) { return entry.model == camera.model; });
-  if (distortion == std::end(kDistortions) ||
-      std::find(permitted.begin(), permitted.end(), distortion->kind) ==
-          permitted.end()) {
-    throw Error(CameraLabel(input.scene, camera_idx) + " is of the model " +
-                std::string(info.name) + ", which " + format +
-                " cannot represent; undistort the images first, or map with "
-                "another camera model");
+  const auto is_permitted = [&](OpenCvDistortion kind) {
+    return std::find(permitted.begin(), permitted.end(), kind) !=
+           permitted.end();
+  };
+  if (distortion == std::end(kDistortions) || !is_permitted(distortion->kind)) {
+    return ToEquidistantCamera(input, camera_idx, format,
+                               is_permitted(OpenCvDistortion::kEquidistant));
   }
   OpenCvCamera result;
   result.fx = camera.params[info.focal_length_idxs.front()];
@@ -84,6 +190,40 @@ OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
   return result;
 }
 
+// The cameras of the sensors that the format has as a fit.
+std::vector<std::string> FittedCameras(const ExportInput& input,
+                                       const std::vector<int>& sensor_idxs,
+                                       const std::string& format,
+                                       const Permitted& permitted) {
+  std::set<int> camera_idxs;
+  for (const int sensor_idx : sensor_idxs) {
+    camera_idxs.insert(input.scene.sensors[sensor_idx].camera_idx);
+  }
+  std::vector<std::string> fits;
+  for (const int camera_idx : camera_idxs) {
+    const std::string fit =
+        ToOpenCvCamera(input, camera_idx, format, permitted).fit;
+    if (fit.empty()) continue;
+    fits.push_back(CameraLabel(input.scene, camera_idx) + " is written as " +
+                   fit);
+  }
+  return fits;
+}
+
+// These, and the sensors that a format of one rig lacks.
+std::vector<std::string> LossesOfRig(const ExportInput& input,
+                                     const std::string& format,
+                                     const Permitted& permitted) {
+  const int rig_idx =
+      OnlyRig(input, format, "delete the images of the others first");
+  std::vector<std::string> losses = SensorsWithoutPose(input);
+  for (std::string& fit :
+       FittedCameras(input, PosedSensors(input, rig_idx), format, permitted)) {
+    losses.push_back(std::move(fit));
+  }
+  return losses;
+}
+
 std::string PoseList(const Rigid3& pose) {
   Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix;
   matrix << pose.rotation.toRotationMatrix(), pose.translation, 0.0, 0.0, 0.0,
@@ -94,9 +234,8 @@ std::string PoseList(const Rigid3& pose) {
 std::string SensorYaml(const ExportInput& input, int sensor_idx) {
   const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
   const Camera& camera = input.model.cameras[camera_idx];
-  const OpenCvCamera opencv = ToOpenCvCamera(
-      input, camera_idx, "euroc_sensor",
-      {OpenCvDistortion::kRadialTangential, OpenCvDistortion::kEquidistant});
+  const OpenCvCamera opencv =
+      ToOpenCvCamera(input, camera_idx, "euroc_sensor", kOfEuroc);
   const Rigid3 rig_from_cam =
       input.model.sensor_from_rig[sensor_idx].value_or(Rigid3()).Inverse();
   return "sensor_type: camera\n"
@@ -110,7 +249,8 @@ std::string SensorYaml(const ExportInput& input, int sensor_idx) {
          (opencv.distortion == OpenCvDistortion::kEquidistant
               ? "equidistant"
               : "radial-tangential") +
-         "\ndistortion_coefficients: " + NumberList(opencv.coefficients) + "\n";
+         "\ndistortion_coefficients: " + NumberList(opencv.coefficients) +
+         "\n" + opencv.Comment();
 }
 
 }  // namespace
@@ -145,10 +285,8 @@ std::string CameraText(const ExportInput& input, int sensor_idx,
                        const std::string& name) {
   const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
   const Camera& camera = input.model.cameras[camera_idx];
-  const OpenCvCamera opencv = ToOpenCvCamera(
-      input, camera_idx, "kalibr",
-      {OpenCvDistortion::kRadialTangential, OpenCvDistortion::kEquidistant,
-       OpenCvDistortion::kFieldOfView, OpenCvDistortion::kUnified});
+  const OpenCvCamera opencv =
+      ToOpenCvCamera(input, camera_idx, "kalibr", kOfKalibr);
   const std::vector<double>& c = opencv.coefficients;
   std::vector<double> intrinsics = {opencv.fx, opencv.fy, opencv.cx, opencv.cy};
   std::string model = "pinhole", distortion = "radtan",
@@ -168,7 +306,7 @@ std::string CameraText(const ExportInput& input, int sensor_idx,
          "\n  intrinsics: " + NumberList(intrinsics) + "\n  resolution: [" +
          std::to_string(camera.width_px) + ", " +
          std::to_string(camera.height_px) + "]\n  rostopic: /" + name +
-         "/image_raw\n";
+         "/image_raw\n" + opencv.Comment();
 }
 
 }  // namespace
@@ -254,10 +392,8 @@ std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,
                            const std::string& name) {
   const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
   const Camera& camera = input.model.cameras[camera_idx];
-  OpenCvCamera opencv = ToOpenCvCamera(
-      input, camera_idx, "camera_info",
-      {OpenCvDistortion::kRadialTangential, OpenCvDistortion::kRational,
-       OpenCvDistortion::kEquidistant});
+  OpenCvCamera opencv =
+      ToOpenCvCamera(input, camera_idx, "camera_info", kOfRos);
   std::string model = "rational_polynomial";
   if (opencv.distortion == OpenCvDistortion::kRadialTangential) {
     model = "plumb_bob";
@@ -278,7 +414,8 @@ std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,
          MatrixYaml("rectification_matrix", 3, 3, {1, 0, 0, 0, 1, 0, 0, 0, 1}) +
          MatrixYaml("projection_matrix", 3, 4,
                     {opencv.fx, 0, opencv.cx, 0, 0, opencv.fy, opencv.cy, 0, 0,
-                     0, 1, 0});
+                     0, 1, 0}) +
+         opencv.Comment();
 }
 
 }  // namespace
@@ -307,6 +444,20 @@ std::vector<ExportedFile> WriteCameraInfo(const ExportInput& input) {
                      CameraInfoYaml(input, static_cast<int>(i), names[i])});
   }
   return files;
+}
+
+std::vector<std::string> LossesInKalibr(const ExportInput& input) {
+  return LossesOfRig(input, "kalibr", kOfKalibr);
+}
+
+std::vector<std::string> LossesInEurocSensors(const ExportInput& input) {
+  return LossesOfRig(input, "euroc_sensor", kOfEuroc);
+}
+
+std::vector<std::string> LossesInCameraInfo(const ExportInput& input) {
+  std::vector<int> sensor_idxs(input.scene.sensors.size());
+  std::iota(sensor_idxs.begin(), sensor_idxs.end(), 0);
+  return FittedCameras(input, sensor_idxs, "camera_info", kOfRos);
 }
 
 }  // namespace mgsfm

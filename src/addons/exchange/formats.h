@@ -41,6 +41,9 @@ std::vector<ExportedFile> WritePly(const ExportInput& input);
 std::vector<ExportedFile> WriteNvm(const ExportInput& input);
 std::vector<ExportedFile> WriteBundler(const ExportInput& input);
 std::vector<std::string> LossesInNvm(const ExportInput& input);
+std::vector<std::string> LossesInKalibr(const ExportInput& input);
+std::vector<std::string> LossesInEurocSensors(const ExportInput& input);
+std::vector<std::string> LossesInCameraInfo(const ExportInput& input);
 // A message for each camera whose principal point is not the center.
 std::vector<std::string> MovedPrincipalPoints(const ExportInput& input);
 

@@ -19,8 +19,8 @@
 #include "features/camera_assignment.h"
 #include "features/image_file.h"
 #include "features/ordered_pipeline.h"
+#include "files/image_masks.h"
 #include "files/image_reading.h"
-#include "files/mask_folder.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/options_io.h"
 #include "mgsfm/base/timer.h"
@@ -106,26 +106,22 @@ class ImageExtractor {
                  const FeatureExtractionOptions& options)
       : image_path_(image_path),
         options_(options),
-        memory_budget_(MemoryLimit()) {
-    const std::string& path = options.reader.camera_mask_path;
-    if (path.empty()) return;
-    try {
-      camera_mask_ = ReadMask(path, options.reader.max_num_pixels);
-      if (!camera_mask_) throw Error("is not a file; check the path");
-    } catch (const Error& error) {
-      throw Error("mask '" + path + "' (ImageReader.camera_mask_path) " +
-                  error.what());
-    }
+        masks_({*options.reader.mask_path, *options.reader.camera_mask_path},
+               options.reader.max_num_pixels),
+        memory_budget_(MemoryLimit()) {}
+
+  // Checks the masks of all images before they are used.
+  void CheckMasks(const std::vector<std::string>& names,
+                  const Context& context) const {
+    masks_.Check(names, "ImageReader.", context);
   }
 
   ExtractedImage Extract(const std::string& name) const {
-    return Read(name,
-                [&](const GrayImage& gray, const std::vector<GrayImage>& masks,
-                    ExtractedImage* image) {
-                  image->features = ExtractSift(gray, options_.sift);
-                  for (const GrayImage& mask : masks)
-                    ApplyMask(mask, &image->features);
-                });
+    return Read(name, [&](const GrayImage& gray, const cv::Mat& mask,
+                          ExtractedImage* image) {
+      image->features = ExtractSift(gray, options_.sift);
+      if (!mask.empty()) ApplyMask(mask, &image->features);
+    });
   }
 
   // The same without features.
@@ -138,36 +134,23 @@ class ImageExtractor {
                 const std::vector<FeatureKeypoint>& keypoints) const;
 
   void WarnOfMasks(const Context& context) const {
-    useless_masks_.Warn(*options_.reader.mask_path, context);
-    if (!camera_mask_) return;
-    UselessMasks camera_mask;
-    CountMask(*camera_mask_, &camera_mask);
-    camera_mask.Warn(*options_.reader.camera_mask_path, context);
+    masks_.WarnOfUselessMasks(context);
   }
 
  private:
   template <class Function>
   ExtractedImage Read(const std::string& name, const Function& use) const;
-  std::vector<GrayImage> MasksOf(const GrayImage& image,
-                                 const std::string& name) const;
-  // The mask in mask_path; nullopt if there is none.
-  std::optional<GrayImage> MaskInFolder(const std::string& name) const;
-  static void CheckSize(const GrayImage& image, const GrayImage& mask,
-                        const std::string& path);
-  static void CountMask(const GrayImage& mask, UselessMasks* masks) {
-    masks->Count(mask.minCoeff() > 0, mask.maxCoeff() == 0);
-  }
-  static bool Hides(const GrayImage& mask, const FeatureKeypoint& keypoint);
-  static void ApplyMask(const GrayImage& mask, Features* features);
+  static bool Hides(const cv::Mat& mask, const FeatureKeypoint& keypoint);
+  static void ApplyMask(const cv::Mat& mask, Features* features);
 
   const std::string image_path_;
   const FeatureExtractionOptions options_;
-  std::optional<GrayImage> camera_mask_;
+  const ImageMasks masks_;
   mutable MemoryBudget memory_budget_;
-  mutable UselessMasks useless_masks_;
 };
 
-// Calls `use` with the pixels and masks of a usable image.
+// Calls `use` with the pixels and the mask, which may be empty, of a usable
+// image.
 template <class Function>
 ExtractedImage ImageExtractor::Read(const std::string& name,
                                     const Function& use) const {
@@ -187,76 +170,37 @@ ExtractedImage ImageExtractor::Read(const std::string& name,
     image.width = static_cast<int>(file.gray.cols());
     image.height = static_cast<int>(file.gray.rows());
     image.tags = file.tags;
-    use(file.gray, MasksOf(file.gray, name), &image);
+    use(file.gray, masks_.Read(name, cv::Size(image.width, image.height)),
+        &image);
   } catch (const Error& error) {
     image.problem = error.what();
   }
   return image;
 }
 
-void ImageExtractor::CheckSize(const GrayImage& image, const GrayImage& mask,
-                               const std::string& path) {
-  if (mask.rows() == image.rows() && mask.cols() == image.cols()) return;
-  throw Error("has " + SizeText(image.cols(), image.rows()) +
-              " pixels, but its mask '" + path + "' has " +
-              SizeText(mask.cols(), mask.rows()) +
-              "; use a mask of the size of the image");
-}
-
-std::optional<GrayImage> ImageExtractor::MaskInFolder(
-    const std::string& name) const {
-  if (options_.reader.mask_path->empty()) return std::nullopt;
-  const fs::path path = MaskPathOf(*options_.reader.mask_path, name);
-  try {
-    return ReadMask(path, options_.reader.max_num_pixels);
-  } catch (const Error& error) {
-    throw Error("has a mask '" + path.string() + "' that " + error.what());
-  }
-}
-
-std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
-                                               const std::string& name) const {
-  std::vector<GrayImage> masks;
-  if (std::optional<GrayImage> mask = MaskInFolder(name)) {
-    CheckSize(image, *mask, MaskPathOf(*options_.reader.mask_path, name));
-    CountMask(*mask, &useless_masks_);
-    masks.push_back(*std::move(mask));
-  }
-  if (camera_mask_) {
-    CheckSize(image, *camera_mask_, options_.reader.camera_mask_path);
-    masks.push_back(*camera_mask_);
-  }
-  return masks;
-}
-
-bool ImageExtractor::Hides(const GrayImage& mask,
+bool ImageExtractor::Hides(const cv::Mat& mask,
                            const FeatureKeypoint& keypoint) {
-  const auto x = std::clamp<Eigen::Index>(
-      static_cast<Eigen::Index>(keypoint.x_px), 0, mask.cols() - 1);
-  const auto y = std::clamp<Eigen::Index>(
-      static_cast<Eigen::Index>(keypoint.y_px), 0, mask.rows() - 1);
-  return mask(y, x) == 0;
+  const int x = std::clamp(static_cast<int>(keypoint.x_px), 0, mask.cols - 1);
+  const int y = std::clamp(static_cast<int>(keypoint.y_px), 0, mask.rows - 1);
+  return mask.at<uint8_t>(y, x) == 0;
 }
 
 bool ImageExtractor::HidesAny(
     const std::string& name,
     const std::vector<FeatureKeypoint>& keypoints) const {
-  std::vector<GrayImage> masks;
+  cv::Mat mask;
   try {
-    if (auto mask = MaskInFolder(name)) masks.push_back(*std::move(mask));
+    mask = masks_.Read(name);
   } catch (const Error&) {
     return false;  // the image was extracted without it
   }
-  if (camera_mask_) masks.push_back(*camera_mask_);
-  for (const GrayImage& mask : masks) {
-    for (const FeatureKeypoint& keypoint : keypoints) {
-      if (Hides(mask, keypoint)) return true;
-    }
-  }
-  return false;
+  return !mask.empty() && std::any_of(keypoints.begin(), keypoints.end(),
+                                      [&](const FeatureKeypoint& keypoint) {
+                                        return Hides(mask, keypoint);
+                                      });
 }
 
-void ImageExtractor::ApplyMask(const GrayImage& mask, Features* features) {
+void ImageExtractor::ApplyMask(const cv::Mat& mask, Features* features) {
   Eigen::Index num_kept = 0;
   for (size_t i = 0; i < features->keypoints.size(); ++i) {
     const FeatureKeypoint keypoint = features->keypoints[i];
@@ -466,13 +410,14 @@ void FeatureWriter::Write(const std::vector<ExtractedImage>& images,
 
 std::vector<std::string> ListImages(const std::string& image_path,
                                     const std::string& list_path,
-                                    const std::string& mask_path) {
+                                    const std::string& mask_path,
+                                    const std::string& camera_mask_path) {
   std::error_code ignored;
   if (!fs::is_directory(image_path, ignored)) ThrowFolderError(image_path);
   std::vector<std::string> names;
   if (list_path.empty()) {
     AddFiles(image_path, "", {}, &names);
-    RemoveMasks(image_path, mask_path, &names);
+    RemoveMasks(image_path, {mask_path, camera_mask_path}, &names);
   } else {
     names = ReadImageList(list_path);
   }
@@ -515,8 +460,7 @@ FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
   const Timer timer;
   const QuietImageLibraries quiet;
   const ImageExtractor extractor(image_path, options);
-  CheckMasks(*options.reader.mask_path, names, "ImageReader.mask_path",
-             context);
+  extractor.CheckMasks(names, context);
   FeatureWriter writer(options.reader, names, database, context);
   writer.CheckMasksWereUsed(names, extractor);
   if (begin > 0) writer.AddCamerasOfOthers(names, begin, end, extractor);
@@ -556,7 +500,8 @@ FeatureExtractionSummary ExtractFeatures(
                 shard->share.ToString() + " or choose another database");
   }
   const std::vector<std::string> names =
-      ListImages(image_path, options.image_list_path, options.reader.mask_path);
+      ListImages(image_path, options.image_list_path, options.reader.mask_path,
+                 options.reader.camera_mask_path);
   const FeatureExtractionSummary summary = ExtractRange(
       names, 0, names.size(), image_path, options, database, context);
   if (summary.num_present + summary.num_extracted == 0) {
@@ -570,7 +515,8 @@ FeatureExtractionSummary ExtractFeatureShard(
     const std::string& image_path, const FeatureExtractionOptions& options,
     const Share& share, FeatureDatabase* database, const Context& context) {
   const std::vector<std::string> names =
-      ListImages(image_path, options.image_list_path, options.reader.mask_path);
+      ListImages(image_path, options.image_list_path, options.reader.mask_path,
+                 options.reader.camera_mask_path);
   ShardManifest manifest{ShardKind::kFeatures, share,
                          FingerprintOf(names, options), false};
   BeginShard(manifest, database);

@@ -42,13 +42,6 @@ GrayImage ToGrayImage(const cv::Mat& image) {
   return gray;
 }
 
-DecodedImage DecodeGray(const std::string& file, int64_t max_num_pixels) {
-  return DecodeImage(file,
-                     cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH |
-                         cv::IMREAD_IGNORE_ORIENTATION,
-                     max_num_pixels);
-}
-
 }  // namespace
 
 std::string ReadImageFile(const std::filesystem::path& path) {
@@ -61,19 +54,13 @@ std::string ReadImageFile(const std::filesystem::path& path) {
 }
 
 ImageFile DecodeImageFile(const std::string& file, int64_t max_num_pixels) {
-  DecodedImage image = DecodeGray(file, max_num_pixels);
+  DecodedImage image = DecodeImage(file,
+                                   cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH |
+                                       cv::IMREAD_IGNORE_ORIENTATION,
+                                   max_num_pixels);
   return {ToGrayImage(image.pixels),
           ReadTags(file, image.pixels.cols, image.pixels.rows),
           std::move(image.warning)};
-}
-
-std::optional<GrayImage> ReadMask(const std::filesystem::path& path,
-                                  int64_t max_num_pixels) {
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(path, ignored)) return std::nullopt;
-  // Any number but 0 shows a pixel, in 16 bits too.
-  const DecodedImage mask = DecodeGray(ReadImageFile(path), max_num_pixels);
-  return ToGrayImage(mask.pixels != 0);
 }
 
 namespace {

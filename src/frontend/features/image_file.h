@@ -35,8 +35,5 @@ struct ImageFile {
 // truncated; ...".
 std::string ReadImageFile(const std::filesystem::path& path);
 ImageFile DecodeImageFile(const std::string& file, int64_t max_num_pixels);
-// nullopt if the file does not exist.
-std::optional<GrayImage> ReadMask(const std::filesystem::path& path,
-                                  int64_t max_num_pixels);
 
 }  // namespace mgsfm

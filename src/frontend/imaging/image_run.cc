@@ -19,7 +19,6 @@
 #include "files/file_operations.h"
 #include "files/image_reading.h"
 #include "files/image_writing.h"
-#include "files/mask_folder.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -162,6 +161,7 @@ class ImageRun {
       : cameras_(cameras),
         views_of_camera_(views_of_camera),
         options_(options),
+        masks_(options.mask_paths, kDefaultMaxNumPixels),
         renderers_(cameras.size()) {}
 
   bool IsDone(const ImageTask& task) const {
@@ -205,7 +205,7 @@ class ImageRun {
   }
 
   void WarnOfMasks(const Context& context) const {
-    useless_masks_.Warn(options_.mask_path, context);
+    masks_.WarnOfUselessMasks(context);
   }
 
   void Run(const ImageTask& task) {
@@ -259,21 +259,8 @@ class ImageRun {
 
   void WriteMasks(const ImageTask& task, const Camera& camera,
                   const ViewRenderer& renderer) {
-    cv::Mat mask;
-    const fs::path mask_path = MaskPathOf(options_.mask_path, task.name);
-    std::error_code ignored;
-    if (!options_.mask_path.empty() &&
-        fs::is_regular_file(mask_path, ignored)) {
-      try {
-        mask = Decode(ReadFile(mask_path),
-                      cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH, camera)
-                   .pixels != 0;
-      } catch (const Error& error) {
-        throw Error("has a mask that " + std::string(error.what()));
-      }
-      const int num_shown = cv::countNonZero(mask);
-      useless_masks_.Count(num_shown == mask.rows * mask.cols, num_shown == 0);
-    }
+    const cv::Mat mask =
+        masks_.Read(task.name, cv::Size(camera.width_px, camera.height_px));
     const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
     for (size_t i = 0; i < rendered.size(); ++i) {
       const fs::path path = MaskPath(task.view_names[i]);
@@ -308,9 +295,9 @@ class ImageRun {
   const std::vector<Camera>& cameras_;
   const std::vector<std::vector<View>>& views_of_camera_;
   const ImageRunOptions& options_;
+  const ImageMasks masks_;
   std::vector<SharedRenderer> renderers_;
   std::set<fs::path> folders_;  // of the files to write
-  UselessMasks useless_masks_;
   std::mutex warnings_mutex_;
   GroupedWarnings warnings_;
 };
@@ -329,23 +316,26 @@ void CheckImagesExist(const std::vector<ImageTask>& tasks,
 }
 
 void CheckMasksOf(const std::vector<ImageTask>& tasks,
-                  const fs::path& mask_path, const std::string& option,
-                  const Context& context) {
+                  const MaskPaths& mask_paths, const Context& context) {
   std::vector<std::string> names;
   for (const ImageTask& task : tasks) names.push_back(task.name);
-  CheckMasks(mask_path, names, option, context);
+  ImageMasks(mask_paths, kDefaultMaxNumPixels).Check(names, "", context);
 }
 
-void CheckIsApart(const fs::path& output_path, const fs::path& image_path) {
-  if (image_path.empty()) return;
-  const fs::path originals = fs::weakly_canonical(fs::absolute(image_path));
-  for (const char* name : {"images", "masks"}) {
-    fs::path folder = fs::weakly_canonical(fs::absolute(output_path / name));
-    for (; folder != folder.root_path(); folder = folder.parent_path()) {
-      if (folder != originals) continue;
-      throw Error("the output '" + output_path.string() +
-                  "' would lie in the folder of original images '" +
-                  image_path.string() + "'; choose another output folder");
+void CheckIsApart(const fs::path& output_path, const fs::path& image_path,
+                  const MaskPaths& mask_paths) {
+  for (const fs::path& input :
+       {image_path, mask_paths.of_images, mask_paths.of_cameras}) {
+    if (input.empty()) continue;
+    const fs::path originals = fs::weakly_canonical(fs::absolute(input));
+    for (const char* name : {"images", "masks"}) {
+      fs::path folder = fs::weakly_canonical(fs::absolute(output_path / name));
+      for (; folder != folder.root_path(); folder = folder.parent_path()) {
+        if (folder != originals) continue;
+        throw Error("the output '" + output_path.string() +
+                    "' would lie in the folder of original images '" +
+                    input.string() + "'; choose another output folder");
+      }
     }
   }
 }

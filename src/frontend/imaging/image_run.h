@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "files/image_masks.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/imaging/views.h"
 #include "mgsfm/scene/scene.h"
@@ -49,7 +50,7 @@ struct ImageTask {
 
 struct ImageRunOptions {
   std::filesystem::path image_path;
-  std::filesystem::path mask_path;  // empty: none
+  MaskPaths mask_paths;
   std::filesystem::path output_path;
   bool writes_masks = false;
   int jpeg_quality = 95;
@@ -82,15 +83,14 @@ ImageRunSummary WriteViews(
 void CheckImagesExist(const std::vector<ImageTask>& tasks,
                       const std::filesystem::path& image_path);
 
-// CheckMasks for the images of the tasks.
+// Checks the masks of the images of the tasks.
 void CheckMasksOf(const std::vector<ImageTask>& tasks,
-                  const std::filesystem::path& mask_path,
-                  const std::string& option, const Context& context);
+                  const MaskPaths& mask_paths, const Context& context);
 
-// Throws Error if the outputs would be among input images or masks. An empty
-// path means no folder.
+// Throws Error if the outputs would be among input images or masks.
 void CheckIsApart(const std::filesystem::path& output_path,
-                  const std::filesystem::path& image_path);
+                  const std::filesystem::path& image_path,
+                  const MaskPaths& mask_paths);
 
 // Images of a run may be kept if they were written with the same settings, a
 // text in a file of output_path, which a new run writes first. Throws Error if

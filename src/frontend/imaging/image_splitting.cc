@@ -139,7 +139,8 @@ std::string Settings(const SplittingInput& input, const Plan& plan,
   };
   const nlohmann::ordered_json settings = {
       {"image_path", canonical(input.image_path)},
-      {"mask_path", canonical(input.mask_path)},
+      {"mask_path", canonical(input.mask_paths.of_images)},
+      {"camera_mask_path", canonical(input.mask_paths.of_cameras)},
       {"kind", EnumName(kind)},
       {"field_of_view_deg", *options.field_of_view_deg},
       {"max_image_size_px", *options.max_image_size},
@@ -292,8 +293,7 @@ std::string MakeCameraFile(const SplittingInput& input, const Plan& plan) {
 ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
                             const SplittingOptions& options,
                             const Context& context) {
-  CheckIsApart(input.output_path, input.image_path);
-  CheckIsApart(input.output_path, input.mask_path);
+  CheckIsApart(input.output_path, input.image_path, input.mask_paths);
   const Plan plan = MakePlan(input, kind, options, context);
   std::vector<Camera> cameras;
   std::vector<std::vector<View>> views;
@@ -316,12 +316,12 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
       is_panorama ? RigConfigsToJson(MakeRigs(
                         plan, ReadFolderPoses(input.rig_config_path, plan)))
                   : "";
-  CheckMasksOf(plan.tasks, input.mask_path, "mask_path", context);
+  CheckMasksOf(plan.tasks, input.mask_paths, context);
   ContinueOrBegin(input.output_path, Settings(input, plan, kind, options));
   const ImageRunSummary summary =
       WriteViews(plan.tasks, cameras, views,
-                 {input.image_path, input.mask_path, input.output_path,
-                  !input.mask_path.empty(), options.jpeg_quality, true},
+                 {input.image_path, input.mask_paths, input.output_path,
+                  !input.mask_paths.empty(), options.jpeg_quality, true},
                  context);
   if (is_panorama) {
     ReplaceFile(input.output_path / "cameras.txt", camera_file);

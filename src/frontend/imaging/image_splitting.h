@@ -63,8 +63,8 @@ struct SplittingOptions {
 // their rig. The views of a folder without a pose have unknown poses, except in
 // the first panorama folder of a rig.
 //
-// Writes to output_path: images; masks if mask_path has any (see WriteViews);
-// for panoramas also rig_config.json and cameras.txt with the intrinsics, which
+// Writes to output_path: images; masks if there are any (see WriteViews); for
+// panoramas also rig_config.json and cameras.txt with the intrinsics, which
 // come from camera_params_path for other folders. Continues an interrupted run
 // with the same settings. Files that are not images, and images that differ in
 // size from the first one of their folder, are skipped with a warning.
@@ -74,7 +74,7 @@ struct SplittingOptions {
 struct SplittingInput {
   std::filesystem::path image_path;
   std::vector<std::string> names;
-  std::filesystem::path mask_path;           // empty: none
+  MaskPaths mask_paths;
   std::filesystem::path camera_params_path;  // empty: none
   std::filesystem::path output_path;
   std::filesystem::path rig_config_path = {};  // empty: none

@@ -17,8 +17,8 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kFormats =
-    "Kalibr, EuRoC, OpenCV, ROS, camodocal, KITTI, KITTI-360, nuScenes and "
-    "Argoverse";
+    "Kalibr, EuRoC, OpenCV, ROS, camodocal, KITTI, KITTI-360, nuScenes, "
+    "Argoverse, OpenSfM and kapture";
 // The largest calibrations, nuScenes tables, take a few MB.
 constexpr uintmax_t kMaxFileSize = 64 << 20;
 
@@ -30,8 +30,11 @@ bool HasExtension(const fs::path& path,
 
 // The files in a folder and its subfolders that may be calibrations.
 std::vector<fs::path> FilesIn(const fs::path& folder, bool has_subfolders) {
-  const fs::path table = folder / "calibrated_sensor.json";
-  if (fs::exists(table)) return {table};  // of nuScenes, with many others
+  // Of nuScenes, OpenSfM and kapture, whose folders have many others.
+  for (const char* name : {"calibrated_sensor.json", "rig_cameras.json",
+                           "sensors.txt", "sensors/sensors.txt"}) {
+    if (fs::exists(folder / name)) return {folder / name};
+  }
   std::vector<fs::path> files;
   for (const auto& entry : fs::directory_iterator(folder)) {
     const fs::path& path = entry.path();
@@ -49,8 +52,15 @@ std::vector<fs::path> FilesIn(const fs::path& folder, bool has_subfolders) {
 
 // nullopt if the file has no known format.
 std::optional<std::vector<CalibratedCamera>> ReadFormat(const fs::path& path) {
+  if (HasExtension(path, {".xml", ".xmp", ".csv"})) {
+    throw Error("'" + path.string() +
+                "' is of no format that is read; if it is a rig of Metashape "
+                "or RealityScan, write its poses into a rig_config.json, as "
+                "cam_from_rig_rotation and cam_from_rig_translation");
+  }
   const std::string text = ReadFile(path);
   if (HasExtension(path, {".txt"})) {
+    if (IsKapture(text)) return ReadKapture(text, path);
     if (!IsKitti(text)) return std::nullopt;
     return ReadKitti(text, path);
   }
@@ -59,6 +69,7 @@ std::optional<std::vector<CalibratedCamera>> ReadFormat(const fs::path& path) {
   if (IsCamodocal(file)) return ReadCamodocal(file, path);
   if (IsArgoverse(file)) return ReadArgoverse(file);
   if (IsNuScenes(file)) return ReadNuScenes(file, path);
+  if (IsOpenSfm(file)) return ReadOpenSfm(file, path);
   if (IsOpenCv(file)) return ReadOpenCv(file, path);
   if (IsKalibr(file)) return ReadKalibr(file);
   return std::nullopt;

@@ -19,6 +19,7 @@ struct CalibratedCamera {
   // Possible names of its image folder, most specific first; not empty.
   std::vector<std::string> names;
   std::string place;  // "'cam.yaml', line 3", for messages
+  // nullopt without why_no_model: the calibration has poses only.
   std::optional<CameraModelId> model;
   std::vector<double> params;  // of model
   // The largest error of `model`, if it only approximates the lens.
@@ -43,6 +44,8 @@ struct CalibratedCamera {
 //   nuScenes         calibrated_sensor.json with sensor.json, or one object per
 //                    camera
 //   Argoverse        vehicle_calibration_info.json
+//   OpenSfM          rig_cameras.json with camera_models.json
+//   kapture          sensors.txt with rigs.txt
 // `paths` is a file, several files separated by commas, or a folder, whose
 // calibrations are read together with those one level below. Throws Error,
 // naming file, line and remedy, if a file is malformed or there is no camera.
@@ -91,6 +94,19 @@ std::vector<CalibratedCamera> ReadArgoverse(const YamlValue& file);
 bool IsKitti(const std::string& text);
 std::vector<CalibratedCamera> ReadKitti(const std::string& text,
                                         const std::filesystem::path& path);
+
+// OpenSfM: a map from rig cameras to rotation (angle-axis), translation, both
+// from rig to camera, and camera, a key of camera_models.json beside the file,
+// which may be missing (https://opensfm.org/docs/rig.html).
+bool IsOpenSfm(const YamlValue& file);
+std::vector<CalibratedCamera> ReadOpenSfm(const YamlValue& file,
+                                          const std::filesystem::path& path);
+
+// kapture 1.0 and 1.1: the models of COLMAP, and the poses of rigs.txt beside
+// the file, from rig to sensor (kapture_format.adoc of github.com/naver).
+bool IsKapture(const std::string& text);
+std::vector<CalibratedCamera> ReadKapture(const std::string& text,
+                                          const std::filesystem::path& path);
 
 // KITTI-360: the pose of a camera from calib_cam_to_pose.txt beside the
 // calibration of its lens; nullopt without this file.

@@ -191,13 +191,14 @@ std::vector<double> ScaledParams(const CalibratedCamera& camera,
 RigConfigCamera MakeConfig(const RigInput& input,
                            const CalibratedCamera& camera,
                            const Prefix& prefix) {
-  if (!camera.model) {
+  if (!camera.why_no_model.empty()) {
     throw Error(camera.place + ": camera '" + camera.names.front() +
                 "' of the images in '" + prefix.text + "' " +
                 camera.why_no_model);
   }
   RigConfigCamera config;
   config.image_prefix = prefix.text;
+  if (!camera.model) return config;
   config.camera_model = camera.model;
   config.camera_params =
       ScaledParams(camera, input.CameraOf(prefix.images.front()));
@@ -279,7 +280,9 @@ void Report(const RigInput& input, const std::vector<CalibratedCamera>& cameras,
               std::to_string(prefix->images.size()) + " images)";
     }
     line += ", ";
-    line += FindCameraModel(static_cast<int32_t>(*camera.model))->name;
+    line += camera.model
+                ? FindCameraModel(static_cast<int32_t>(*camera.model))->name
+                : std::string_view("intrinsics of its images");
     if (camera.fit_error_px) {
       line += Formatted(" within %.2f px", *camera.fit_error_px);
     }

@@ -28,6 +28,10 @@ namespace {
 
 using CoordinateSystem = PosePriorRow::CoordinateSystem;
 
+PriorClock ClockOf(const PosePriorOptions& options) {
+  return {options.prior_clock_offset_s, options.ref_times_path};
+}
+
 class PriorMaker {
  public:
   PriorMaker(const Scene& scene, const PosePriorOptions& options)
@@ -49,14 +53,17 @@ class PriorMaker {
   void ReadLines() {
     const std::string& path = options_.ref_images_path;
     source_ = "'" + path + "'";
-    const PositionFileFormat format = DetectPositionFormat(path);
+    const PositionFileFormat format = options_.ref_columns->empty()
+                                          ? DetectPositionFormat(path)
+                                          : PositionFileFormat::kCsv;
+    if (format == PositionFileFormat::kCsv) return ReadCsv();
     if (format != PositionFileFormat::kNamed) {
       // Degrees in trajectories are rare, so they must be stated.
       const auto system = *options_.ref_is_gps == PositionKind::kGps
                               ? CoordinateSystem::kWgs84
                               : CoordinateSystem::kCartesian;
       for (const auto& [image_idx, position] :
-           ReadTrajectoryPositions(scene_, path, format)) {
+           ReadTrajectoryPositions(scene_, path, format, ClockOf(options_))) {
         AddPosition(image_idx, position, system);
       }
       return;
@@ -64,6 +71,30 @@ class PriorMaker {
     for (const NamedVector& line :
          ReadNamedVectors(scene_, path, "X Y Z", "ref_images_path")) {
       AddPosition(line.image_idx, line.value, CoordinateSystem::kUndefined);
+    }
+  }
+
+  // Receivers without a fix write zeros, between which nothing is known.
+  void ReadCsv() {
+    const std::string& path = options_.ref_images_path;
+    std::vector<TimedVector> vectors =
+        ReadTimedPositions(path, options_.ref_columns);
+    std::vector<Eigen::Vector3d> positions;
+    for (const TimedVector& vector : vectors) positions.push_back(vector.value);
+    const bool are_gps = AreGps(positions, options_.ref_is_gps, source_);
+    if (are_gps) {
+      vectors.erase(std::remove_if(vectors.begin(), vectors.end(),
+                                   [](const TimedVector& vector) {
+                                     return vector.value.head<2>().isZero(0.0);
+                                   }),
+                    vectors.end());
+    }
+    for (const auto& [image_idx, vector] :
+         InterpolateVectors(scene_, path, vectors, ClockOf(options_))) {
+      AddPosition(
+          image_idx, vector.value,
+          are_gps ? CoordinateSystem::kWgs84 : CoordinateSystem::kCartesian);
+      rows_[image_idx]->covariance = vector.covariance;
     }
   }
 
@@ -177,7 +208,34 @@ Eigen::Matrix3d PriorMaker::CovarianceOf(const PosePriorRow& row) const {
       .asDiagonal();
 }
 
-GravityPriors ReadGravityFile(const Scene& scene, const std::string& path) {
+GravityPriors ReadTimedGravity(const Scene& scene, const std::string& path,
+                               const PriorClock& clock) {
+  std::vector<TimedVector> directions = ReadTimedVectors(path);
+  for (TimedVector& direction : directions) {
+    if (direction.value.isZero(0.0)) {
+      throw Error(
+          "'" + path + "': the direction of gravity at " +
+          FormatDouble(direction.timestamp_s, std::chars_format::fixed, 6) +
+          " s is zero; delete the line");
+    }
+    direction.value.stableNormalize();
+  }
+  GravityPriors gravity;
+  gravity.images.resize(scene.images.size());
+  for (const auto& [image_idx, direction] :
+       InterpolateVectors(scene, path, directions, clock)) {
+    if (direction.value.isZero(0.0)) continue;  // between opposite ones
+    gravity.images[image_idx] = direction.value.stableNormalized();
+  }
+  return gravity;
+}
+
+GravityPriors ReadGravityFile(const Scene& scene,
+                              const PosePriorOptions& options) {
+  const std::string& path = options.gravity_path;
+  if (HasTimedVectors(scene, path)) {
+    return ReadTimedGravity(scene, path, ClockOf(options));
+  }
   GravityPriors gravity;
   gravity.images.resize(scene.images.size());
   const auto lines = ReadNamedVectors(scene, path, "GX GY GZ", "gravity_path");
@@ -288,7 +346,7 @@ PositionPriors ReadPositionPriors(const Scene& scene,
 GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,
                           const PosePriorOptions& options) {
   if (!options.gravity_path->empty()) {
-    return ReadGravityFile(scene, options.gravity_path);
+    return ReadGravityFile(scene, options);
   }
   if (!options.use_prior_gravity) return {};
   GravityPriors gravity = ReadGravityColumn(scene, database_path);

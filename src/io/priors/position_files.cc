@@ -2,10 +2,12 @@
 #include "priors/position_files.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <map>
 #include <optional>
 #include <string_view>
 
+#include "base/format.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "math/statistics.h"
@@ -107,50 +109,129 @@ double TimeOf(const Image& image, const std::string& path) {
               "' has no time in its name; set image_timestamps_path");
 }
 
-double MedianInterval(const std::vector<TimedPose>& poses) {
+template <class Sample>
+double MaxGapSeconds(const std::vector<Sample>& samples) {
   std::vector<double> intervals_s;
-  for (size_t i = 1; i < poses.size(); ++i) {
-    intervals_s.push_back(poses[i].timestamp_s - poses[i - 1].timestamp_s);
+  for (size_t i = 1; i < samples.size(); ++i) {
+    intervals_s.push_back(samples[i].timestamp_s - samples[i - 1].timestamp_s);
   }
-  return Median(std::move(intervals_s));
+  if (intervals_s.empty()) return 0.0;
+  return kMaxGapRatio * Median(std::move(intervals_s));
 }
 
-// The pose at a time; nullopt outside the trajectory and in its gaps.
-std::optional<Rigid3> Interpolate(const std::vector<TimedPose>& poses,
-                                  double max_gap_s, double time_s) {
+// A time between two samples, as the share of the second.
+template <class Sample>
+struct Between {
+  const Sample* before;
+  const Sample* after;
+  double share;
+};
+
+// nullopt outside the samples and in their gaps.
+template <class Sample>
+std::optional<Between<Sample>> FindBetween(const std::vector<Sample>& samples,
+                                           double max_gap_s, double time_s) {
   const auto after = std::lower_bound(
-      poses.begin(), poses.end(), time_s,
-      [](const TimedPose& pose, double t) { return pose.timestamp_s < t; });
-  if (after == poses.end()) return std::nullopt;
-  if (after->timestamp_s == time_s) return after->cam_from_world;
-  if (after == poses.begin()) return std::nullopt;
+      samples.begin(), samples.end(), time_s,
+      [](const Sample& sample, double t) { return sample.timestamp_s < t; });
+  if (after == samples.end()) return std::nullopt;
+  if (after->timestamp_s == time_s) return {{&*after, &*after, 0.0}};
+  if (after == samples.begin()) return std::nullopt;
   const auto before = std::prev(after);
   const double gap_s = after->timestamp_s - before->timestamp_s;
   if (gap_s > max_gap_s) return std::nullopt;
-  const double share = (time_s - before->timestamp_s) / gap_s;
+  return {{&*before, &*after, (time_s - before->timestamp_s) / gap_s}};
+}
+
+Rigid3 Interpolate(const Between<TimedPose>& place) {
+  const Rigid3& before = place.before->cam_from_world;
+  const Rigid3& after = place.after->cam_from_world;
   return Rigid3::FromRotationAndCenter(
-      before->cam_from_world.rotation.slerp(share,
-                                            after->cam_from_world.rotation),
-      (1.0 - share) * before->cam_from_world.Center() +
-          share * after->cam_from_world.Center());
+      before.rotation.slerp(place.share, after.rotation),
+      (1.0 - place.share) * before.Center() + place.share * after.Center());
+}
+
+TimedVector Interpolate(const Between<TimedVector>& place) {
+  const TimedVector& before = *place.before;
+  const TimedVector& after = *place.after;
+  TimedVector vector;
+  vector.value = (1.0 - place.share) * before.value + place.share * after.value;
+  if (before.covariance && after.covariance) {
+    vector.covariance = (1.0 - place.share) * *before.covariance +
+                        place.share * *after.covariance;
+  }
+  return vector;
+}
+
+// Calls `use` with each frame, its main image and its place in the samples.
+template <class Sample, class Use>
+void ForEachFrame(const Scene& scene, const std::string& path,
+                  const std::vector<Sample>& samples, const PriorClock& clock,
+                  const Use& use) {
+  const double max_gap_s = MaxGapSeconds(samples);
+  bool has_any = false;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const int image_idx = MainImage(scene, scene.frames[i]);
+    const double time_s =
+        TimeOf(scene.images[image_idx], path) + clock.offset_s;
+    const auto place = FindBetween(samples, max_gap_s, time_s);
+    if (!place) continue;
+    has_any = true;
+    use(static_cast<int>(i), image_idx, *place);
+  }
+  if (has_any) return;
+  const std::string times =
+      samples.empty()
+          ? ""
+          : Formatted(", which are %.3f to %.3f s", samples.front().timestamp_s,
+                      samples.back().timestamp_s);
+  throw Error("'" + path + "' has no value at the time of any image" + times +
+              "; give both on one clock, for instance with "
+              "image_timestamps_path or prior_clock_offset_s");
 }
 
 Poses PosesByTime(const Scene& scene, const std::string& path,
-                  const std::vector<TimedPose>& poses) {
-  const double max_gap_s =
-      poses.size() < 2 ? 0.0 : kMaxGapRatio * MedianInterval(poses);
+                  const std::vector<TimedPose>& poses,
+                  const PriorClock& clock) {
   Poses of_frames;
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    const Image& image = scene.images[MainImage(scene, scene.frames[i])];
-    const auto pose = Interpolate(poses, max_gap_s, TimeOf(image, path));
-    if (pose) of_frames.emplace_back(static_cast<int>(i), *pose);
-  }
-  if (of_frames.empty()) {
-    throw Error("'" + path +
-                "' has no pose at the time of any image; give both on one "
-                "clock, for instance with image_timestamps_path");
-  }
+  ForEachFrame(scene, path, poses, clock,
+               [&](int frame_idx, int /*image_idx*/, const auto& place) {
+                 of_frames.emplace_back(frame_idx, Interpolate(place));
+               });
   return of_frames;
+}
+
+// KITTI poses with a time for each.
+std::vector<TimedPose> WithTimes(const std::vector<Rigid3>& poses,
+                                 const std::string& times_path) {
+  std::vector<TimedPose> timed;
+  TextLines lines(times_path, "'" + times_path + "' (ref_times_path)");
+  while (lines.NextContent()) {
+    const auto time_s = ParseDouble(lines.line());
+    if (!time_s) lines.Throw("is not a time in seconds; correct it");
+    if (timed.size() == poses.size()) {
+      lines.Throw("there are only " + std::to_string(poses.size()) +
+                  " poses; give one time for each");
+    }
+    if (!timed.empty() && *time_s <= timed.back().timestamp_s) {
+      lines.Throw("is not later than the time before; sort the times");
+    }
+    timed.push_back({*time_s, poses[timed.size()]});
+  }
+  if (timed.size() == poses.size()) return timed;
+  throw Error("'" + times_path + "' (ref_times_path) has " +
+              std::to_string(timed.size()) + " times, but there are " +
+              std::to_string(poses.size()) + " poses; give one for each");
+}
+
+bool IsEurocLine(std::string_view line) {
+  const std::vector<std::string> fields = SplitFields(line, ',');
+  // Its times are whole nanoseconds.
+  return fields.size() >= 8 &&
+         fields[0].find_first_not_of("0123456789") == std::string::npos &&
+         std::all_of(fields.begin(), fields.end(), [](const auto& field) {
+           return ParseDouble(field).has_value();
+         });
 }
 
 }  // namespace
@@ -162,24 +243,49 @@ PositionFileFormat DetectPositionFormat(const std::string& path) {
     const size_t num_numbers = numbers ? numbers->size() : 0;
     if (num_numbers == 12) return PositionFileFormat::kKitti;
     if (num_numbers == 8) return PositionFileFormat::kTum;
+    if (IsEurocLine(lines.line())) return PositionFileFormat::kEuroc;
+  }
+  if (std::filesystem::path(path).extension() == ".csv") {
+    return PositionFileFormat::kCsv;
   }
   return PositionFileFormat::kNamed;
 }
 
 Poses ReadTrajectoryPoses(const Scene& scene, const std::string& path,
-                          PositionFileFormat format) {
-  MGSFM_CHECK(format != PositionFileFormat::kNamed);
-  if (format == PositionFileFormat::kKitti) return PosesByFrame(scene, path);
-  return PosesByTime(scene, path,
-                     format == PositionFileFormat::kTum ? ReadTumPoses(path)
-                                                        : ReadEurocPoses(path));
+                          PositionFileFormat format, const PriorClock& clock) {
+  switch (format) {
+    case PositionFileFormat::kKitti:
+      if (clock.times_path.empty()) return PosesByFrame(scene, path);
+      return PosesByTime(scene, path,
+                         WithTimes(ReadKittiPoses(path), clock.times_path),
+                         clock);
+    case PositionFileFormat::kTum:
+      return PosesByTime(scene, path, ReadTumPoses(path), clock);
+    case PositionFileFormat::kEuroc:
+      return PosesByTime(scene, path, ReadEurocPoses(path), clock);
+    default:
+      MGSFM_CHECK(false);
+      return {};
+  }
+}
+
+std::vector<std::pair<int, TimedVector>> InterpolateVectors(
+    const Scene& scene, const std::string& path,
+    const std::vector<TimedVector>& vectors, const PriorClock& clock) {
+  std::vector<std::pair<int, TimedVector>> of_images;
+  ForEachFrame(scene, path, vectors, clock,
+               [&](int /*frame_idx*/, int image_idx, const auto& place) {
+                 of_images.emplace_back(image_idx, Interpolate(place));
+               });
+  return of_images;
 }
 
 std::vector<std::pair<int, Eigen::Vector3d>> ReadTrajectoryPositions(
-    const Scene& scene, const std::string& path, PositionFileFormat format) {
+    const Scene& scene, const std::string& path, PositionFileFormat format,
+    const PriorClock& clock) {
   std::vector<std::pair<int, Eigen::Vector3d>> positions;
   for (const auto& [frame_idx, pose] :
-       ReadTrajectoryPoses(scene, path, format)) {
+       ReadTrajectoryPoses(scene, path, format, clock)) {
     positions.emplace_back(MainImage(scene, scene.frames[frame_idx]),
                            pose.Center());
   }

@@ -164,6 +164,11 @@ std::optional<std::string> SuggestFramesByTime(
 // left_0001.jpg and right_0001.jpg.
 struct RigRuleSuggestion {
   std::string text;  // with the rule, ready to paste
+  std::string rule;
+  std::string cameras;  // in words
+  // All rules whose cameras are called so and pair one to one, with one image
+  // size each; several if cameras may be told apart at several positions.
+  std::vector<std::string> certain_rules;
   // Whether a word of the names means a camera, so that chance is unlikely.
   bool is_likely = false;
 };

@@ -24,8 +24,10 @@ using NameParts = std::vector<std::string>;
 // A position in the names whose texts may be cameras.
 struct Place {
   size_t position = 0;
-  std::set<std::string> cameras;
-  size_t num_shared = 0;  // images whose frame has another image
+  // The common word before the texts, "cam" of "0001cam2.jpg"; may be empty.
+  std::string word;
+  std::set<std::string> cameras;  // with the word
+  size_t num_shared = 0;          // images whose frame has another image
   size_t num_frames = 0;
   bool is_called_like_cameras = false;
 
@@ -53,14 +55,27 @@ std::string JoinWithout(const NameParts& parts, size_t position) {
   return joined;
 }
 
+std::string CommonWordBefore(const std::vector<NameParts>& names,
+                             size_t position) {
+  if (position == 0) return "";
+  const std::string& word = names.front()[position - 1];
+  const bool is_word =
+      std::isalpha(static_cast<unsigned char>(word.front())) != 0 &&
+      std::all_of(names.begin(), names.end(), [&](const NameParts& parts) {
+        return parts[position - 1] == word;
+      });
+  return is_word ? word : "";
+}
+
 std::optional<Place> RatePlace(const std::vector<NameParts>& names,
                                size_t position) {
   Place place;
   place.position = position;
   std::map<std::string, size_t> frame_sizes;
+  place.word = CommonWordBefore(names, position);
   for (const NameParts& parts : names) {
     if (!IsWord(parts[position])) return std::nullopt;
-    place.cameras.insert(parts[position]);
+    place.cameras.insert(place.word + parts[position]);
     ++frame_sizes[JoinWithout(parts, position)];
   }
   if (place.cameras.size() < 2 || place.cameras.size() > kMaxNumCameras) {
@@ -79,33 +94,105 @@ std::optional<Place> RatePlace(const std::vector<NameParts>& names,
   return place;
 }
 
-std::string RuleOf(const NameParts& example, const Place& place) {
-  const size_t p = place.position;
+std::string QuoteSeparator(const std::string& part) {
+  return IsWord(part) ? "" : RE2::QuoteMeta(part);
+}
+
+// The rule for cameras that are told apart at these places, in order.
+std::string RuleOf(const NameParts& example, const std::vector<Place>& places) {
   std::string rule;
-  if (p > 0) rule += ".*";
-  if (p > 0 && !IsWord(example[p - 1])) rule += RE2::QuoteMeta(example[p - 1]);
-  rule += "(?<camera>" + Joined(place.cameras, "|") + ")";
-  if (p + 1 == example.size()) return rule;
-  if (!IsWord(example[p + 1])) rule += RE2::QuoteMeta(example[p + 1]);
-  return rule + ".*";
+  size_t begin = 0;  // of the parts that the rule does not yet match
+  for (const Place& place : places) {
+    const size_t p = place.position - (place.word.empty() ? 0 : 1);
+    if (begin > 0) rule += QuoteSeparator(example[begin]);
+    if (p > begin + (begin > 0 ? 1 : 0)) {
+      rule += ".*" + QuoteSeparator(example[p - 1]);
+    }
+    rule += "(?<camera>" + Joined(place.cameras, "|") + ")";
+    begin = place.position + 1;
+  }
+  if (begin == example.size()) return rule;
+  return rule + QuoteSeparator(example[begin]) + ".*";
 }
 
 // Whether the rule finds the cameras of all names.
 bool Fits(const std::string& rule, const std::vector<NameParts>& names,
-          const RigInput& input, size_t position) {
+          const RigInput& input, const std::vector<Place>& places) {
   RE2::Options quiet;
   quiet.set_log_errors(false);
-  std::string with_names = rule;
-  with_names.replace(rule.find("(?<"), 3, "(?P<");
-  const RE2 regex(with_names, quiet);
+  std::string unnamed = rule;
+  RE2::GlobalReplace(&unnamed, RE2("\\(\\?<camera>"), "(");
+  const RE2 regex(unnamed, quiet);
+  std::vector<std::string> found(places.size());
+  std::vector<RE2::Arg> arguments(found.size());
+  std::vector<const RE2::Arg*> pointers;
+  for (size_t i = 0; i < found.size(); ++i) {
+    arguments[i] = &found[i];
+    pointers.push_back(&arguments[i]);
+  }
   for (size_t i = 0; i < names.size(); ++i) {
-    std::string camera;
-    if (!RE2::FullMatch(input.contents.images[i].name, regex, &camera) ||
-        camera != names[i][position]) {
+    if (!RE2::FullMatchN(input.contents.images[i].name, regex, pointers.data(),
+                         static_cast<int>(pointers.size()))) {
       return false;
+    }
+    for (size_t k = 0; k < found.size(); ++k) {
+      if (found[k] != places[k].word + names[i][places[k].position]) {
+        return false;
+      }
     }
   }
   return true;
+}
+
+// The share of images in frames with others. Texts without a meaning are
+// cameras only if nearly all frames are complete, and so are cameras that no
+// option confirms.
+constexpr double kMinShared = 0.5, kMinComplete = 0.9;
+
+double ShareOf(const Place& place, const std::vector<NameParts>& names) {
+  return static_cast<double>(place.num_shared) /
+         static_cast<double>(names.size());
+}
+
+// Whether the texts are called like cameras, whose images pair one to one and
+// have one size per camera. "image1" may be a counter, and so may any text if
+// there are not more frames than cameras.
+bool IsCertain(const Place& place, const std::vector<NameParts>& names,
+               const RigInput& input) {
+  std::map<std::string, std::pair<int, int>> sizes;
+  for (size_t i = 0; i < names.size(); ++i) {
+    const Camera& camera = input.CameraOf(static_cast<int>(i));
+    const std::pair<int, int> size(camera.width_px, camera.height_px);
+    const auto first = sizes.emplace(names[i][place.position], size).first;
+    if (first->second != size) return false;
+  }
+  const bool may_count = std::any_of(
+      place.cameras.begin(), place.cameras.end(), [](const std::string& name) {
+        return ToLower(name).find("image") != std::string::npos;
+      });
+  return place.is_called_like_cameras && !may_count &&
+         place.num_frames > place.cameras.size() &&
+         ShareOf(place, names) >= kMinComplete;
+}
+
+// The rules of all places that certainly tell cameras apart: of each, and of
+// all together.
+std::vector<std::string> CertainRules(const RigInput& input,
+                                      const std::vector<NameParts>& names,
+                                      const std::vector<Place>& places) {
+  std::vector<Place> certain;
+  for (const Place& place : places) {
+    if (IsCertain(place, names, input)) certain.push_back(place);
+  }
+  std::vector<std::vector<Place>> choices;
+  if (certain.size() > 1) choices.push_back(certain);
+  for (const Place& place : certain) choices.push_back({place});
+  std::vector<std::string> rules;
+  for (const std::vector<Place>& choice : choices) {
+    const std::string rule = RuleOf(names.front(), choice);
+    if (Fits(rule, names, input, choice)) rules.push_back(rule);
+  }
+  return rules;
 }
 
 std::vector<ImageKeys> KeysByCamera(const std::vector<NameParts>& names,
@@ -125,26 +212,30 @@ std::optional<RigRuleSuggestion> Suggest(const RigInput& input,
   }
   if (places.empty()) return std::nullopt;
   const Place& best = *std::max_element(places.begin(), places.end());
-  const std::string rule = RuleOf(names.front(), best);
-  if (!Fits(rule, names, input, best.position)) return std::nullopt;
-  const std::string text = "the names of images tell the cameras '" +
-                           Joined(best.cameras, "', '") +
-                           "' apart; if these are mounted on one rig, set "
-                           "rig_name_rule '" +
-                           rule + "'";
-  // Texts without a meaning are cameras only if nearly all frames are complete.
-  constexpr double kMinShared = 0.5, kMinSharedOfUnknown = 0.9;
-  const double shared =
-      static_cast<double>(best.num_shared) / static_cast<double>(names.size());
-  if (best.is_called_like_cameras && shared >= kMinShared)
-    return {{text, true}};
-  if (best.is_called_like_cameras) {
+  RigRuleSuggestion suggestion;
+  suggestion.rule = RuleOf(names.front(), {best});
+  if (!Fits(suggestion.rule, names, input, {best})) return std::nullopt;
+  suggestion.cameras = "'" + Joined(best.cameras, "', '") + "'";
+  suggestion.text = "the names of images tell the cameras " +
+                    suggestion.cameras +
+                    " apart; if these are mounted on one rig, set "
+                    "rig_name_rule '" +
+                    suggestion.rule + "'";
+  suggestion.certain_rules = CertainRules(input, names, places);
+  const double share = ShareOf(best, names);
+  suggestion.is_likely = best.is_called_like_cameras;
+  if (suggestion.is_likely && share >= kMinShared) return suggestion;
+  if (suggestion.is_likely) {
     const auto by_time =
         SuggestFramesByTime(input, KeysByCamera(names, best.position));
-    if (by_time) return {{text + "; " + *by_time, true}};
+    if (by_time) {
+      suggestion.text += "; " + *by_time;
+      return suggestion;
+    }
   }
-  if (shared >= kMinSharedOfUnknown && best.num_frames > best.cameras.size()) {
-    return {{text, false}};
+  suggestion.is_likely = false;
+  if (share >= kMinComplete && best.num_frames > best.cameras.size()) {
+    return suggestion;
   }
   return std::nullopt;
 }
@@ -360,15 +451,19 @@ void CheckFoldersAreCameras(const RigInput& input,
               rule->text + "; otherwise, set it to none");
 }
 
-// Suggests how to form rigs if most images are single although their times or
-// names would form frames.
-void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
-                 const Context& context) {
+bool AreMostImagesSingle(const RigAssignment& assignment) {
   std::vector<size_t> frame_sizes(assignment.frames.size(), 0);
   for (const int frame : assignment.frame_of_image) ++frame_sizes[frame];
   const auto num_single = static_cast<size_t>(
       std::count(frame_sizes.begin(), frame_sizes.end(), 1));
-  if (2 * num_single < input.contents.images.size()) return;
+  return 2 * num_single >= assignment.frame_of_image.size();
+}
+
+// Suggests how to form rigs from images that are single although their times or
+// names would form frames.
+void SuggestRigs(const RigInput& input,
+                 const std::optional<RigRuleSuggestion>& rule,
+                 const Context& context) {
   try {
     const auto suggestion =
         SuggestFramesByTime(input, KeysByFolders(input, false));
@@ -376,9 +471,32 @@ void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
   } catch (const Error&) {
     // Ambiguous folders suggest nothing.
   }
-  const auto rule = SuggestRigRule(input);
   if (rule && rule->is_likely) context.Warning(rule->text);
   if (rule && !rule->is_likely) context.Info(rule->text);
+}
+
+// The rigs of cameras that names in one folder tell apart, without a rule of
+// the user; nullopt if that is not certain.
+std::optional<RigAssignment> AssignByFoundRule(const RigInput& input,
+                                               const RigRuleSuggestion& found,
+                                               const TimedImages* times,
+                                               const Context& context) {
+  if (found.certain_rules.size() > 1) {
+    throw Error(input.Name() +
+                ": the names of images tell cameras apart in several ways; set "
+                "rig_name_rule to '" +
+                Joined(found.certain_rules, "' or '") +
+                "', or to none if the images are single");
+  }
+  const bool is_certain = times == nullptr
+                              ? found.certain_rules.size() == 1 &&
+                                    found.certain_rules.front() == found.rule
+                              : found.is_likely;
+  if (!is_certain) return std::nullopt;
+  context.Info("the names of images tell the cameras " + found.cameras +
+               " of a rig apart, as by rig_name_rule '" + found.rule +
+               "'; set it to none if the images are single");
+  return AssignByRule(input, found.rule, times, context);
 }
 
 }  // namespace
@@ -386,14 +504,29 @@ void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
 RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
                               const Context& context) {
   std::vector<ImageKeys> keys = KeysByFolders(input, times == nullptr);
-  if (times != nullptr) SetFramesByTime(input, *times, context, &keys);
-  RigAssignment assignment = AssignByKeys(input, keys);
-  if (times == nullptr) {
-    CheckFoldersAreCameras(input, assignment);
-    SuggestRigs(input, assignment, context);
+  if (times != nullptr) {
+    const bool is_flat = std::all_of(
+        keys.begin(), keys.end(),
+        [&](const ImageKeys& key) { return key.sensor == keys[0].sensor; });
+    const auto rule = is_flat ? SuggestRigRule(input) : std::nullopt;
+    if (rule) {
+      auto found = AssignByFoundRule(input, *rule, times, context);
+      if (found) return *std::move(found);
+    }
+    SetFramesByTime(input, *times, context, &keys);
   }
+  RigAssignment assignment = AssignByKeys(input, keys);
   assignment.source =
       times == nullptr ? "image names" : "image folders and times";
+  if (times != nullptr) return assignment;
+  CheckFoldersAreCameras(input, assignment);
+  if (!AreMostImagesSingle(assignment)) return assignment;
+  const auto rule = SuggestRigRule(input);
+  if (rule) {
+    auto found = AssignByFoundRule(input, *rule, times, context);
+    if (found) return *std::move(found);
+  }
+  SuggestRigs(input, rule, context);
   return assignment;
 }
 

@@ -389,6 +389,60 @@ TEST(Exchange, CamerasThatAFormatCannotRepresentAreNamed) {
   ExpectRefused("nvm", drive, HasSubstr("two focal lengths"));
 }
 
+// What an omnidirectional calibration becomes on import goes back as an
+// equidistant camera, which projects the same rays within the stated error.
+TEST(Exchange, LensesWithoutEqualAreFitted) {
+  Simulation drive = Drive(RigPreset::kStereo);
+  for (Camera& camera : drive.ground_truth.cameras) {
+    camera.model = CameraModelId::kThinPrismFisheye;
+    camera.params = {300.0,
+                     303.0,
+                     0.51 * camera.width_px,
+                     0.49 * camera.height_px,
+                     0.02,
+                     -0.003,
+                     1e-5,
+                     -2e-5,
+                     1e-4,
+                     0.0,
+                     1e-6,
+                     1e-6};
+  }
+  const Camera& camera = drive.ground_truth.cameras[0];
+  for (const char* format : {"kalibr", "euroc_sensor", "camera_info"}) {
+    SCOPED_TRACE(format);
+    const auto losses = FindExchangeFormat(format)->losses(
+        {drive.scene, drive.ground_truth, TrajectoryPoses::kFrame, {}});
+    ASSERT_FALSE(losses.empty());
+    EXPECT_THAT(losses[0], HasSubstr("equidistant fit of THIN_PRISM_FISHEYE"));
+    const std::string content = Export(format, drive)[0].content;
+    const size_t text = content.find("errors up to ");
+    ASSERT_NE(text, std::string::npos);
+    const double max_error_px = std::stod(content.substr(text + 13));
+    EXPECT_LT(max_error_px, 0.5);
+  }
+  const cv::FileStorage file =
+      OpenYaml(Export("euroc_sensor", drive)[0].content);
+  const std::string content = Export("euroc_sensor", drive)[0].content;
+  const double max_error_px =
+      std::stod(content.substr(content.find("errors up to ") + 13));
+  const std::vector<double> k = Values(file["intrinsics"]);
+  std::vector<double> fisheye = {k[0], k[1], k[2] + 0.5, k[3] + 0.5};
+  for (const double c : Values(file["distortion_coefficients"])) {
+    fisheye.push_back(c);
+  }
+  for (int y = 20; y < camera.height_px; y += 57) {
+    for (int x = 20; x < camera.width_px; x += 57) {
+      const auto ray = RayFromPixel(camera.model, camera.params.data(), {x, y});
+      ASSERT_TRUE(ray.has_value());
+      const auto pixel =
+          ProjectToPixel(CameraModelId::kOpenCVFisheye, fisheye.data(), *ray);
+      ASSERT_TRUE(pixel.has_value());
+      EXPECT_LT((*pixel - Eigen::Vector2d(x, y)).norm(), max_error_px + 0.02);
+    }
+  }
+}
+
 TEST(Exchange, WhatAFormatLacksIsNamed) {
   const auto losses = [](const std::string& format, const Simulation& drive) {
     return FindExchangeFormat(format)->losses(

@@ -232,7 +232,8 @@ TEST_F(BadImagesTest, MasksThatAreNoFolderOrFile) {
   }
   options.reader.mask_path = "";
   options.reader.camera_mask_path = dir_.path().string();
-  EXPECT_THAT(ErrorOf([&] { Extract(options); }), HasSubstr("is not a file"));
+  EXPECT_THAT(ErrorOf([&] { Extract(options); }),
+              HasSubstr("the image folder itself"));
 }
 
 TEST_F(BadImagesTest, MasksThatHideEverything) {
