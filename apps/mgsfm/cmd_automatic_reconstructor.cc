@@ -322,7 +322,6 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
       {"calibration_path", loading.calibration_path},
       {"image_timestamps_path", loading.image_timestamps_path},
       {"ref_images_path", priors.ref_images_path},
-      {"ref_times_path", priors.ref_times_path},
       {"gravity_path", priors.gravity_path},
       {"ImageReader.mask_path", reader.mask_path},
       {"ImageReader.camera_mask_path", reader.camera_mask_path},

@@ -134,28 +134,6 @@ TEST_F(TimedPriorsTest, GapsAndFixesAtZeroAreRespected) {
   }
 }
 
-TEST_F(TimedPriorsTest, KittiTrajectoriesMayHaveTimes) {
-  std::string poses, times;
-  for (int i = 0; i < 8; ++i) {
-    const double time_s = 99.5 + 0.5 * i;
-    poses += "1 0 0 " + std::to_string(3.0 * time_s) + " 0 1 0 0 0 0 1 0\n";
-    times += std::to_string(time_s) + "\n";
-  }
-  Write("poses.txt", poses);
-  WriteTextFile(dir_.path() / "times.txt", times);
-  options_.ref_times_path = (dir_.path() / "times.txt").string();
-  const PositionPriors priors = Positions();
-  for (size_t i = 0; i < priors.images.size(); ++i) {
-    EXPECT_NEAR(priors.images[i]->position.x(),
-                3.0 * *scene_.images[i].timestamp_s, 1e-4);
-  }
-  WriteTextFile(dir_.path() / "times.txt", times + "200\n");
-  EXPECT_THAT(ErrorOf([&] { (void)Positions(); }),
-              AllOf(HasSubstr("times.txt"), HasSubstr("line 9")));
-  WriteTextFile(dir_.path() / "times.txt", "1\n");
-  EXPECT_THAT(ErrorOf([&] { (void)Positions(); }), HasSubstr("has 1 times"));
-}
-
 TEST_F(TimedPriorsTest, EurocFilesAreDetected) {
   Write("data.csv",
         "#timestamp [ns],p_x,p_y,p_z,q_w,q_x,q_y,q_z\n"

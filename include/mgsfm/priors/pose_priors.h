@@ -53,10 +53,6 @@ struct PosePriorOptions {
       "separated by commas. Keys are time (s), time_ms, time_us, time_ns; x, "
       "y, z or latitude, longitude, altitude; std_x, std_y, std_z (m). A key "
       "without an item is a column of that name."};
-  Option<std::string> ref_times_path{
-      "ref_times_path", "",
-      "Read the times of a KITTI trajectory in ref_images_path from this file, "
-      "one in seconds per line, to interpolate it at image times."};
   Option<double> prior_clock_offset_s{
       "prior_clock_offset_s", 0.0, Between(-1e10, 1e10), "s",
       "Add this to image times to get times of ref_images_path and "
@@ -88,7 +84,7 @@ struct PosePriorOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(use_prior_position, ref_images_path, ref_columns, ref_times_path,
+    visit(use_prior_position, ref_images_path, ref_columns,
           prior_clock_offset_s, ref_is_gps, overwrite_priors_covariance,
           prior_position_std_x_m, prior_position_std_y_m,
           prior_position_std_z_m, use_prior_gravity, gravity_path);

@@ -89,9 +89,7 @@ struct SoftRigOptions {
       "Estimate a pose per image near the one that the rig predicts (soft), or "
       "also a trigger delay per camera from image timestamps (time_offset). "
       "Use it if cameras do not trigger simultaneously."};
-  Option<int> max_num_rounds{"max_num_rounds", 15, AtLeast(1), "rounds",
-                             "Limit the number of rounds. Increase it if the "
-                             "estimate has not converged."};
+  int max_num_rounds = 15;
   // Convergence requires that no standard deviation changes by more than this
   // fraction.
   double sigma_tolerance = 0.05;
@@ -103,7 +101,7 @@ struct SoftRigOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(method, max_num_rounds);
+    visit(method);
   }
 };
 

@@ -51,17 +51,14 @@ struct TranslationAveragingOptions {
   // Largest scale of the robust loss on angles. Rays that miss their point by
   // more than twice this angle are rejected.
   double max_angle_error_deg = 0.5;
-  Option<int> max_num_iterations{
-      "max_num_iterations", 50, AtLeast(1), "iterations",
-      "Limit the iterations of the last solve of each refinement."};
+  // Of the last solve of each refinement.
+  int max_num_iterations = 50;
   // Positions are refined with the longest tracks until each image has this
   // many observations. 0 uses all tracks, which takes longer.
   int min_num_points_per_image = 200;
 
   template <class Visitor>
-  void Describe(Visitor& visit) {
-    visit(max_num_iterations);
-  }
+  void Describe(Visitor&) {}
 };
 
 // Estimate of the translation of sensor_from_rig of one sensor.

@@ -77,8 +77,8 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   Context one_thread = context;
   one_thread.num_threads = 1;
   refinement_options.function_tolerance = kFunctionTolerance;
-  refinement_options.max_num_iterations = std::max(
-      kNumRandomStartIterations, *options.averaging.max_num_iterations);
+  refinement_options.max_num_iterations =
+      std::max(kNumRandomStartIterations, options.averaging.max_num_iterations);
   PositionsAndPoints placed{start.initial.positions, start.points};
   PositionResult result;
   TranslationSummary& summary = result.summary;

@@ -29,7 +29,7 @@ namespace {
 using CoordinateSystem = PosePriorRow::CoordinateSystem;
 
 PriorClock ClockOf(const PosePriorOptions& options) {
-  return {options.prior_clock_offset_s, options.ref_times_path};
+  return {options.prior_clock_offset_s};
 }
 
 class PriorMaker {

@@ -201,29 +201,6 @@ Poses PosesByTime(const Scene& scene, const std::string& path,
   return of_frames;
 }
 
-// KITTI poses with a time for each.
-std::vector<TimedPose> WithTimes(const std::vector<Rigid3>& poses,
-                                 const std::string& times_path) {
-  std::vector<TimedPose> timed;
-  TextLines lines(times_path, "'" + times_path + "' (ref_times_path)");
-  while (lines.NextContent()) {
-    const auto time_s = ParseDouble(lines.line());
-    if (!time_s) lines.Throw("is not a time in seconds; correct it");
-    if (timed.size() == poses.size()) {
-      lines.Throw("there are only " + std::to_string(poses.size()) +
-                  " poses; give one time for each");
-    }
-    if (!timed.empty() && *time_s <= timed.back().timestamp_s) {
-      lines.Throw("is not later than the time before; sort the times");
-    }
-    timed.push_back({*time_s, poses[timed.size()]});
-  }
-  if (timed.size() == poses.size()) return timed;
-  throw Error("'" + times_path + "' (ref_times_path) has " +
-              std::to_string(timed.size()) + " times, but there are " +
-              std::to_string(poses.size()) + " poses; give one for each");
-}
-
 bool IsEurocLine(std::string_view line) {
   const std::vector<std::string> fields = SplitFields(line, ',');
   // Its times are whole nanoseconds.
@@ -255,10 +232,7 @@ Poses ReadTrajectoryPoses(const Scene& scene, const std::string& path,
                           PositionFileFormat format, const PriorClock& clock) {
   switch (format) {
     case PositionFileFormat::kKitti:
-      if (clock.times_path.empty()) return PosesByFrame(scene, path);
-      return PosesByTime(scene, path,
-                         WithTimes(ReadKittiPoses(path), clock.times_path),
-                         clock);
+      return PosesByFrame(scene, path);
     case PositionFileFormat::kTum:
       return PosesByTime(scene, path, ReadTumPoses(path), clock);
     case PositionFileFormat::kEuroc:

@@ -44,16 +44,15 @@ PositionFileFormat DetectPositionFormat(const std::string& path);
 
 // The clock of a file with times.
 struct PriorClock {
-  double offset_s = 0.0;   // of this clock from that of the images
-  std::string times_path;  // one time in seconds per KITTI pose, or empty
+  double offset_s = 0.0;  // from that of the images
 };
 
 // Frame poses rig_from_world by frame index, from the poses of the reference
-// camera. KITTI poses without times belong to the frames in the natural order
-// of their names. Poses with times are interpolated at image times; frames
+// camera. KITTI poses belong to the frames in the natural order of their names.
+// Poses with times are interpolated at image times; frames
 // outside the trajectory, or in a gap of more than ten median intervals, get
 // none. Throws Error for malformed lines, a number of poses other than the
-// number of frames or times, and images without a time. `format` is kKitti,
+// number of frames, and images without a time. `format` is kKitti,
 // kTum or kEuroc.
 std::vector<std::pair<int, Rigid3>> ReadTrajectoryPoses(
     const Scene& scene, const std::string& path, PositionFileFormat format,

@@ -349,8 +349,8 @@ void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
     context.Warning("images keep the poses of their rig: " + summary.message);
   } else if (!summary.has_converged) {
     context.Warning(
-        "the deviations of images from their rig have not converged; increase "
-        "SoftRig.max_num_rounds");
+        "the deviations of images from their rig have not converged after " +
+        std::to_string(options.soft_rig.max_num_rounds) + " rounds");
   }
   model->reconstruction = std::move(result.estimate);
   model->soft_rig_images = std::move(result.images);
