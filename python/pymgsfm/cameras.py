@@ -215,12 +215,12 @@ class Camera:
         return self._kind().center
 
     def extra_params_idxs(self) -> List[int]:
-        """Of the distortion parameters."""
+        """The positions of the distortion parameters in `params`."""
         return self._kind().extra
 
     @property
     def focal_length(self) -> float:
-        """Of models with one focal length."""
+        """In pixels; raises for models with two focal lengths."""
         return self._only(self._kind().focal, 1, "focal_length")
 
     @focal_length.setter

@@ -182,7 +182,7 @@ class Database:
         return None if image_id is None else self.read_image(image_id)
 
     def exists_image(self, image: Union[int, str]) -> bool:
-        """By id or name."""
+        """Whether there is an image with this id or name."""
         return (image in self._read().image_ids if isinstance(image, str)
                 else image in self._read().images)
 
@@ -306,7 +306,7 @@ class Database:
         return self._database.read_keypoints(image_id)
 
     def write_keypoints(self, image_id: int, keypoints: npt.ArrayLike) -> None:
-        """Of shape (N, 2), (N, 4) with scale and orientation, or (N, 6)."""
+        """Keypoints are (N, 2), (N, 4) with scale and orientation, or (N, 6)."""
         self._check_image(image_id)
         self._database.write_keypoints(image_id, keypoints)
 
@@ -321,7 +321,7 @@ class Database:
 
     def write_descriptors(self, image_id: int,
                           descriptors: npt.ArrayLike) -> None:
-        """Of shape (N, 128), of SIFT."""
+        """Descriptors are (N, 128), of SIFT."""
         self._check_image(image_id)
         self._database.write_descriptors(image_id, descriptors)
 

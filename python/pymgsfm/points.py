@@ -32,7 +32,7 @@ class Track:
 
     def __init__(self, elements: Iterable[Any] = (), *,
                  is_fixed: bool = False) -> None:
-        """Of TrackElement or of an array (N, 2).
+        """`elements` are TrackElement or an array (N, 2).
 
         The track of a point of a model is fixed: add and delete observations
         by the methods of Reconstruction.

@@ -199,7 +199,7 @@ class Points2D(Sequence[Point2D]):
 
     @staticmethod
     def of(points: Any) -> "Points2D":
-        """Of Points2D, an array (N, 2), or a sequence of Point2D or pixels."""
+        """Makes them of Points2D, an array (N, 2), or pixels in a sequence."""
         if isinstance(points, Points2D):
             return points
         if isinstance(points, np.ndarray):
@@ -354,7 +354,7 @@ class Image:
         return bool((self.points2D.point3D_ids == np.uint64(point3D_id)).any())
 
     def get_observation_point2D_idxs(self) -> List[int]:
-        """Of the keypoints that observe a point."""
+        """The indices of the keypoints that observe a point."""
         idxs: List[int] = self.points2D.observed().tolist()
         return idxs
 

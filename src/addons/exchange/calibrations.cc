@@ -74,6 +74,7 @@ struct EquidistantFit {
 // to the axis that is the radius. nullopt if most pixels have no ray.
 std::optional<EquidistantFit> FitEquidistant(const Camera& camera,
                                              const CameraModelInfo& info) {
+  // 3,200 equations for 7 unknowns.
   constexpr int kGridSize = 40;
   // At larger angles, lenses show their own mount.
   constexpr double kMaxAngleDeg = 110.0;

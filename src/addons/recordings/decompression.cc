@@ -29,6 +29,7 @@ struct StreamStep {
 template <class Step>
 DecompressedBytes RunCodec(std::string_view data, uint64_t max_size,
                            const Step& step) {
+  // It doubles while the output does not fit; the result does not depend on it.
   constexpr size_t kFirstRoom = size_t{1} << 16;
   DecompressedBytes result;
   size_t size = 0;

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 
 #include "base/text.h"
 #include "base/text_tools.h"
@@ -19,28 +20,26 @@
 namespace mgsfm {
 namespace {
 
-constexpr int kNoConversion = -1;
-
 // An encoding of sensor_msgs/image_encodings.h, and the conversion to gray or
 // BGR. OpenCV names Bayer patterns by the second row and column.
 struct ImageEncoding {
   const char* name;
   int type;
-  int conversion;
+  std::optional<int> conversion;
 };
 
 constexpr ImageEncoding kImageEncodings[] = {
-    {"mono8", CV_8UC1, kNoConversion},
-    {"8UC1", CV_8UC1, kNoConversion},
-    {"mono16", CV_16UC1, kNoConversion},
-    {"16UC1", CV_16UC1, kNoConversion},
-    {"bgr8", CV_8UC3, kNoConversion},
-    {"8UC3", CV_8UC3, kNoConversion},
+    {"mono8", CV_8UC1, std::nullopt},
+    {"8UC1", CV_8UC1, std::nullopt},
+    {"mono16", CV_16UC1, std::nullopt},
+    {"16UC1", CV_16UC1, std::nullopt},
+    {"bgr8", CV_8UC3, std::nullopt},
+    {"8UC3", CV_8UC3, std::nullopt},
     {"rgb8", CV_8UC3, cv::COLOR_RGB2BGR},
     {"bgra8", CV_8UC4, cv::COLOR_BGRA2BGR},
     {"8UC4", CV_8UC4, cv::COLOR_BGRA2BGR},
     {"rgba8", CV_8UC4, cv::COLOR_RGBA2BGR},
-    {"bgr16", CV_16UC3, kNoConversion},
+    {"bgr16", CV_16UC3, std::nullopt},
     {"rgb16", CV_16UC3, cv::COLOR_RGB2BGR},
     {"bgra16", CV_16UC4, cv::COLOR_BGRA2BGR},
     {"rgba16", CV_16UC4, cv::COLOR_RGBA2BGR},
@@ -117,10 +116,10 @@ cv::Mat PixelsOf(const ImageMessage& message) {
   const ImageEncoding& encoding = FindEncoding(message.encoding);
   cv::Mat image = RawPixels(message, encoding.type);
   if (image.depth() == CV_16U && message.is_big_endian) SwapBytes(&image);
-  if (encoding.conversion == kNoConversion) return image;
+  if (!encoding.conversion) return image;
   cv::Mat converted;
   try {
-    cv::cvtColor(image, converted, encoding.conversion);
+    cv::cvtColor(image, converted, *encoding.conversion);
   } catch (const cv::Exception& exception) {
     RethrowLackOfMemory(exception);
     throw BytesError("has a size, " +

@@ -20,6 +20,7 @@ namespace fs = std::filesystem;
 
 std::unique_ptr<RecordingFile> OpenFile(const fs::path& path,
                                         const Context& context) {
+  // As long as the longest of these beginnings.
   constexpr size_t kMagicSize = 16;
   const std::string start =
       ReadFile(path, "recording '" + path.string() + "'", kMagicSize);

@@ -65,14 +65,15 @@ std::string FolderOfParts(const std::vector<std::string>& parts,
 // The shortest distinct ends of the namespaces, or else of the topics.
 void NameFolders(const std::vector<RecordingTopic>& topics,
                  std::vector<RecordedCamera>* cameras) {
-  constexpr size_t kMaxParts = 16;
   for (const bool is_whole : {false, true}) {
-    for (size_t num_last = 1; num_last <= kMaxParts; ++num_last) {
+    size_t num_parts = 1;  // of the longest name
+    for (size_t num_last = 1; num_last <= num_parts; ++num_last) {
       std::set<std::string> folders;
       for (RecordedCamera& camera : *cameras) {
         const std::string& topic = topics[camera.topic_idx].name;
-        camera.folder = FolderOfParts(
-            TopicParts(is_whole ? topic : NamespaceOf(topic)), num_last);
+        const auto parts = TopicParts(is_whole ? topic : NamespaceOf(topic));
+        num_parts = std::max(num_parts, parts.size());
+        camera.folder = FolderOfParts(parts, num_last);
         folders.insert(camera.folder);
       }
       if (folders.size() == cameras->size()) return;
@@ -88,8 +89,8 @@ bool IsDepth(const std::string& topic) {
   return ToLower(topic).find("depth") != std::string::npos;
 }
 
-// Of the topics of one camera, the raw one is best, and a message that is not
-// compressed has the better pixels.
+// The raw topic of a camera is the best of its topics, and a message that is
+// not compressed has the better pixels.
 int TopicRank(const std::string& topic) {
   return (LastPart(RawTopicOf(topic)) == "image_raw" ? 0 : 2) +
          (RawTopicOf(topic) == topic ? 0 : 1);
