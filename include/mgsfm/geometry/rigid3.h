@@ -41,6 +41,20 @@ inline Rigid3 operator*(const Rigid3& c_from_b, const Rigid3& b_from_a) {
           c_from_b * b_from_a.translation};
 }
 
+// The motion of a rig between two times: the rotation of its axes, and the
+// shift of its center.
+struct RigMotion {
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d shift_in_world = Eigen::Vector3d::Zero();
+};
+
+// The pose of a rig after a motion.
+inline Rigid3 Move(const Rigid3& rig_from_world, const RigMotion& motion) {
+  return Rigid3::FromRotationAndCenter(
+      motion.rotation * rig_from_world.rotation,
+      rig_from_world.Center() + motion.shift_in_world);
+}
+
 // A similarity b_from_a: x_in_b = scale * rotation * x_in_a + translation.
 struct Sim3 {
   double scale = 1.0;

@@ -86,9 +86,11 @@ struct Reconstruction {
   std::vector<Camera> cameras;
   std::vector<std::optional<Rigid3>> sensor_from_rig;  // per sensor
   std::vector<std::optional<Rigid3>> rig_from_world;   // per frame
+  // Per image; empty if all images of a frame are simultaneous.
+  std::vector<RigMotion> motions;
   std::vector<Point3D> points;
 
-  // sensor_from_rig * rig_from_world; nullopt unless both are estimated.
+  // sensor_from_rig * Move(rig_from_world); nullopt unless both are estimated.
   std::optional<Rigid3> CamFromWorld(const Scene& scene, int image_idx) const;
   bool IsRegistered(const Scene& scene, int image_idx) const;
   int NumRegisteredImages(const Scene& scene) const;

@@ -233,6 +233,11 @@ BuiltProblem BuildProblem(const Scene& scene,
   problem.loss = {RobustLossType::kCauchy, options.loss_scale_px};
   problem.loss_follows_freedom = true;
   const std::vector<int> image_idxs = AddPoints(input, &built);
+  if (!reconstruction.motions.empty()) {
+    for (const int image_idx : image_idxs) {
+      problem.motions.push_back(reconstruction.motions[image_idx]);
+    }
+  }
   for (const int frame_idx : built.frame_idxs) {
     AddFrame(input, frame_idx, &built);
   }

@@ -160,15 +160,17 @@ class CeresRigProblem {
   void AddPosePriors() {
     for (const PositionPrior& prior : rig_.position_priors) {
       const RigProblemBase::Image& image = rig_.images[prior.image];
-      problem_.AddResidualBlock(new PositionPriorCost(prior), &position_loss_,
-                                frames_[image.frame].data(),
-                                sensors_[image.sensor].data());
+      problem_.AddResidualBlock(
+          new PositionPriorCost(prior, rig_.MotionOf(prior.image)),
+          &position_loss_, frames_[image.frame].data(),
+          sensors_[image.sensor].data());
     }
     for (const GravityPrior& prior : rig_.gravity_priors) {
       const RigProblemBase::Image& image = rig_.images[prior.image];
-      problem_.AddResidualBlock(new GravityPriorCost(prior), &gravity_loss_,
-                                frames_[image.frame].data(),
-                                sensors_[image.sensor].data());
+      problem_.AddResidualBlock(
+          new GravityPriorCost(prior, rig_.MotionOf(prior.image)),
+          &gravity_loss_, frames_[image.frame].data(),
+          sensors_[image.sensor].data());
     }
     for (const SensorPrior& prior : rig_.sensor_priors) {
       problem_.AddResidualBlock(new SensorPriorCost(prior), nullptr,

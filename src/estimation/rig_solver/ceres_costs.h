@@ -79,18 +79,21 @@ inline ImagePose MakeImagePose(const RigProblemBase& problem, int image_idx,
                                const double* frame, const double* sensor,
                                const double* params) {
   const RigProblemBase::Image& image = problem.images[image_idx];
+  const RigMotion motion = problem.MotionOf(image_idx);
   ImagePose pose;
   if (problem.held_cam_from_world.empty()) {
-    const Eigen::Matrix3d S = RotationOf(sensor).toRotationMatrix();
-    RowMajor3d::Map(pose.sensor_from_rig) = S;
+    const Eigen::Matrix3d S =
+        (RotationOf(sensor) * motion.rotation).toRotationMatrix();
+    RowMajor3d::Map(pose.sensor_from_frame) = S;
     RowMajor3d::Map(pose.cam_from_world).noalias() =
         S * RotationOf(frame).toRotationMatrix();
   } else {
-    RowMajor3d::Map(pose.sensor_from_rig).setZero();
+    RowMajor3d::Map(pose.sensor_from_frame).setZero();
     RowMajor3d::Map(pose.cam_from_world) =
         problem.held_cam_from_world[image_idx];
   }
-  std::copy_n(frame + 4, 3, pose.center);
+  Eigen::Vector3d::Map(pose.center) =
+      Eigen::Vector3d::Map(frame + 4) + motion.shift_in_world;
   std::copy_n(sensor + 4, 3, pose.translation);
   if (image.camera >= 0) {
     const RigProblemBase::Camera& camera = problem.cameras[image.camera];
@@ -144,7 +147,7 @@ class ObservationCost : public ceres::CostFunction {
     constexpr int kDim = R::kDim;
     double Q[3 * kDim], turn[3 * kDim], J[3 * kDim];
     RotationRows<kDim>(o.y, o.P, 3, Q);
-    MultiplyRows<kDim>(Q, 3, pose.sensor_from_rig, 3, turn);
+    MultiplyRows<kDim>(Q, 3, pose.sensor_from_frame, 3, turn);
     MultiplyRows<kDim>(o.P, 3, pose.cam_from_world, 3, J);
     for (int k = 0; k < kDim; ++k) {
       for (int i = 0; i < 3; ++i) {
@@ -289,7 +292,8 @@ inline void WriteJacobian(const Eigen::Matrix<double, 6, 6>& derivative,
 template <class Prior, auto kEvaluate>
 class ImagePriorCost : public ceres::CostFunction {
  public:
-  explicit ImagePriorCost(const Prior& prior) : prior_(prior) {
+  ImagePriorCost(const Prior& prior, const RigMotion& motion)
+      : prior_(prior), motion_(motion) {
     set_num_residuals(3);
     *mutable_parameter_block_sizes() = {7, 7};
   }
@@ -297,7 +301,7 @@ class ImagePriorCost : public ceres::CostFunction {
                 double** jacobians) const override {
     const PosePriorResidual r = kEvaluate(
         prior_, {RotationOf(blocks[0]), Eigen::Vector3d::Map(blocks[0] + 4)},
-        {RotationOf(blocks[1]), Eigen::Vector3d::Map(blocks[1] + 4)});
+        motion_, {RotationOf(blocks[1]), Eigen::Vector3d::Map(blocks[1] + 4)});
     std::copy_n(r.value.data(), r.size, residuals);
     if (jacobians == nullptr) return true;
     WriteJacobian(r.by_frame, r.size, jacobians[0]);
@@ -307,6 +311,7 @@ class ImagePriorCost : public ceres::CostFunction {
 
  private:
   const Prior& prior_;
+  const RigMotion motion_;
 };
 using PositionPriorCost = ImagePriorCost<PositionPrior, EvaluatePositionPrior>;
 using GravityPriorCost = ImagePriorCost<GravityPrior, EvaluateGravityPrior>;

@@ -25,12 +25,14 @@ void ComputeImagePoses(const RigProblemBase& problem, const RigState& state,
   poses->resize(problem.images.size());
   for (size_t i = 0; i < problem.images.size(); ++i) {
     const RigProblemBase::Image& image = problem.images[i];
-    const FramePose& frame = state.frames[image.frame];
+    const RigMotion motion = problem.MotionOf(static_cast<int>(i));
+    const FramePose frame = Move(state.frames[image.frame], motion);
     const Rigid3& sensor = state.sensors[image.sensor];
     ImagePose& pose = (*poses)[i];
     if (problem.held_cam_from_world.empty()) {
       const Eigen::Matrix3d S = sensor.rotation.toRotationMatrix();
-      RowMajor3d::Map(pose.sensor_from_rig) = S;
+      RowMajor3d::Map(pose.sensor_from_frame).noalias() =
+          S * motion.rotation.toRotationMatrix();
       RowMajor3d::Map(pose.cam_from_world).noalias() =
           S * frame.rig_from_world.toRotationMatrix();
     } else {
@@ -53,7 +55,7 @@ ImageTwist ComputeImageTwist(const ImagePose& pose, const PoseVector& frame,
   rotation = sensor.head<3>();
   if (!frame.head<3>().isZero(0.0)) {
     rotation.noalias() +=
-        RowMajor3d::Map(pose.sensor_from_rig) * frame.head<3>();
+        RowMajor3d::Map(pose.sensor_from_frame) * frame.head<3>();
   }
   shift = sensor.tail<3>();
   shift.noalias() -= RowMajor3d::Map(pose.cam_from_world) * frame.tail<3>();

@@ -9,12 +9,12 @@
 namespace mgsfm {
 
 // The pose and the camera of an image, prepared for many observations. The
-// point p in the camera frame is x = y + t, y = S R (p - c). Matrices are
+// point p in the camera frame is x = y + t, y = S M R (p - c - m). Matrices are
 // row-major plain arrays, so that the compiler vectorizes the kernels.
 struct ImagePose {
-  double cam_from_world[9];        // S R
-  double sensor_from_rig[9];       // S; unset if the problem fixes S R
-  double center[3];                // c
+  double cam_from_world[9];        // S M R
+  double sensor_from_frame[9];     // S M; unset if the problem fixes S R
+  double center[3];                // c + m
   double translation[3];           // t
   const double* params = nullptr;  // references the state
   PixelProjection projection;

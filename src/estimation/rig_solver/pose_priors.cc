@@ -51,6 +51,7 @@ void VisitPriors(const RigProblemBase& problem, const RigStructure& s,
     function(
         WeighImagePrior(problem, s, image, problem.position_loss,
                         EvaluatePositionPrior(prior, state.frames[image.frame],
+                                              problem.MotionOf(prior.image),
                                               state.sensors[image.sensor])));
   }
   for (const GravityPrior& prior : problem.gravity_priors) {
@@ -58,6 +59,7 @@ void VisitPriors(const RigProblemBase& problem, const RigStructure& s,
     function(
         WeighImagePrior(problem, s, image, problem.gravity_loss,
                         EvaluateGravityPrior(prior, state.frames[image.frame],
+                                             problem.MotionOf(prior.image),
                                              state.sensors[image.sensor])));
   }
   for (const SensorPrior& prior : problem.sensor_priors) {
@@ -97,17 +99,21 @@ void AddProduct(const RigStructure& s, const WeightedPrior& prior, int a, int b,
 
 PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
                                         const FramePose& frame,
+                                        const RigMotion& motion,
                                         const Rigid3& sensor_from_rig) {
-  const Matrix3d Rt = frame.rig_from_world.conjugate().toRotationMatrix();
+  const FramePose moved = Move(frame, motion);
+  const Matrix3d Rt = moved.rig_from_world.conjugate().toRotationMatrix();
   const Matrix3d St = sensor_from_rig.rotation.conjugate().toRotationMatrix();
   const Vector3d& t = sensor_from_rig.translation;
   const Matrix3d& A = prior.sqrt_information;
-  const Vector3d center = frame.center - Rt * (St * t);
+  const Vector3d center = moved.center - Rt * (St * t);
   PosePriorResidual r;
   r.size = 3;
   r.value.head<3>() = A * (center - prior.position);
-  // Exp(w) R moves the center by R^T (w x S^T t), Exp(w) S by R^T S^T (w x t).
-  r.by_frame.topLeftCorner<3, 3>() = -A * Rt * CrossMatrix(St * t);
+  // M Exp(w) R = Exp(M w) M R moves the center by (M R)^T (M w x S^T t), Exp(w)
+  // S by (M R)^T S^T (w x t).
+  r.by_frame.topLeftCorner<3, 3>() =
+      -A * Rt * CrossMatrix(St * t) * motion.rotation.toRotationMatrix();
   r.by_frame.topRightCorner<3, 3>() = A;
   r.by_sensor.topLeftCorner<3, 3>() = -A * Rt * St * CrossMatrix(t);
   r.by_sensor.topRightCorner<3, 3>() = -A * Rt * St;
@@ -116,8 +122,10 @@ PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
 
 PosePriorResidual EvaluateGravityPrior(const GravityPrior& prior,
                                        const FramePose& frame,
+                                       const RigMotion& motion,
                                        const Rigid3& sensor_from_rig) {
-  const Matrix3d S = sensor_from_rig.rotation.toRotationMatrix();
+  const Matrix3d S =
+      (sensor_from_rig.rotation * motion.rotation).toRotationMatrix();
   const Vector3d in_rig = frame.rig_from_world * prior.down;
   const Vector3d in_camera = S * in_rig;
   PosePriorResidual r;
@@ -154,13 +162,15 @@ double CostOfPosePriors(const RigProblemBase& problem, const RigState& state) {
   for (const PositionPrior& prior : problem.position_priors) {
     const RigProblemBase::Image& image = problem.images[prior.image];
     const PosePriorResidual r = EvaluatePositionPrior(
-        prior, state.frames[image.frame], state.sensors[image.sensor]);
+        prior, state.frames[image.frame], problem.MotionOf(prior.image),
+        state.sensors[image.sensor]);
     cost += 0.5 * problem.position_loss.Cost(r.value.squaredNorm());
   }
   for (const GravityPrior& prior : problem.gravity_priors) {
     const RigProblemBase::Image& image = problem.images[prior.image];
     const PosePriorResidual r = EvaluateGravityPrior(
-        prior, state.frames[image.frame], state.sensors[image.sensor]);
+        prior, state.frames[image.frame], problem.MotionOf(prior.image),
+        state.sensors[image.sensor]);
     cost += 0.5 * problem.gravity_loss.Cost(r.value.squaredNorm());
   }
   for (const SensorPrior& prior : problem.sensor_priors) {

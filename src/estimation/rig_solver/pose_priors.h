@@ -17,11 +17,14 @@ struct PosePriorResidual {
   Eigen::Matrix<double, 6, 6> by_sensor = Eigen::Matrix<double, 6, 6>::Zero();
 };
 
+// `motion` is that of the image of the prior since its frame.
 PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
                                         const FramePose& frame,
+                                        const RigMotion& motion,
                                         const Rigid3& sensor_from_rig);
 PosePriorResidual EvaluateGravityPrior(const GravityPrior& prior,
                                        const FramePose& frame,
+                                       const RigMotion& motion,
                                        const Rigid3& sensor_from_rig);
 PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
                                       const Rigid3& sensor_from_rig);

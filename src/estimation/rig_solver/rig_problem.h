@@ -35,6 +35,12 @@ struct FramePose {
 
 using CameraParams = std::array<double, kMaxNumCameraParams>;
 
+// The frame of an image at the time of the image.
+inline FramePose Move(const FramePose& frame, const RigMotion& motion) {
+  return {motion.rotation * frame.rig_from_world,
+          frame.center + motion.shift_in_world};
+}
+
 // Everything that a solve may change.
 struct RigState {
   std::vector<FramePose> frames;
@@ -43,7 +49,8 @@ struct RigState {
   std::vector<Eigen::Vector3d> points;
 };
 
-// Image i sees the point p at x = S R (p - c) + t in its camera frame. The
+// Image i sees the point p at x = S M R (p - c - m) + t in its camera frame,
+// with the constant motion (M, m) of the rig since the time of the frame. The
 // residual is Project(K, x) - pixel,
 struct PixelObservation {
   int image = 0;
@@ -148,6 +155,8 @@ struct RigProblemBase {
   // sensor and frame rotations are known; both must then be constant. If empty,
   // the state provides the rotations.
   std::vector<Eigen::Matrix3d> held_cam_from_world;
+  // Per image; empty if images are simultaneous with their frames.
+  std::vector<RigMotion> motions;
   // Point p has the observations point_begin[p] to point_begin[p + 1] - 1.
   // Several of them may be in one image.
   std::vector<size_t> point_begin = {0};
@@ -164,6 +173,9 @@ struct RigProblemBase {
   size_t num_points() const { return point_begin.size() - 1; }
   // The loss of the observations of a point.
   RobustLoss LossOfPoint(size_t num_observations) const;
+  RigMotion MotionOf(int image) const {
+    return motions.empty() ? RigMotion() : motions[image];
+  }
 };
 
 inline RobustLoss RigProblemBase::LossOfPoint(size_t num_observations) const {

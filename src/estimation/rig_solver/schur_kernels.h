@@ -261,7 +261,7 @@ MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose, const Terms& o,
   }
   if (N == 6) {
     RotationRows<kDim>(o.y, o.P, N, rows->image);
-    MultiplyRows<kDim>(rows->image, N, pose.sensor_from_rig, N, rows->frame);
+    MultiplyRows<kDim>(rows->image, N, pose.sensor_from_frame, N, rows->frame);
   }
 }
 

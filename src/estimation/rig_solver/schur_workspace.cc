@@ -19,7 +19,7 @@ Eigen::Matrix<double, N, N> FrameColumns(const ImagePose& pose,
   Eigen::Matrix<double, N, N> columns = Eigen::Matrix<double, N, N>::Zero();
   if constexpr (N == 6) {
     columns.template topLeftCorner<3, 3>() =
-        RowMajor3d::Map(pose.sensor_from_rig);
+        RowMajor3d::Map(pose.sensor_from_frame);
   }
   columns.template bottomRightCorner<3, 3>() =
       -RowMajor3d::Map(pose.cam_from_world);

@@ -89,7 +89,7 @@ constexpr int kMaxNumImageColumns =
     PoseVector::SizeAtCompileTime + kMaxNumCameraParams;
 
 // Adds the products of images to the local system. The adjoint of
-// sensor_from_rig maps image columns to frame columns.
+// sensor_from_frame maps image columns to frame columns.
 void AddImagesToSystem(const RigProblemBase& problem,
                        const RigStructure& structure, const ChunkRanges& chunk,
                        const std::vector<ImagePose>& poses,

@@ -111,7 +111,7 @@ bool ScoreBuilder::Linearize(size_t observation, const Vector3d& point,
   const RigProblemBase::Image& image = problem.images[o.image];
   const ImagePose& pose = poses_[o.image];
   const Eigen::Map<const RowMajor3> R(pose.cam_from_world);
-  const Eigen::Map<const RowMajor3> S(pose.sensor_from_rig);
+  const Eigen::Map<const RowMajor3> S(pose.sensor_from_frame);
   const Vector3d y = R * (point - Eigen::Map<const Vector3d>(pose.center));
   const Vector3d x = y + Eigen::Map<const Vector3d>(pose.translation);
   double P[6];

@@ -22,7 +22,8 @@ std::optional<Rigid3> Reconstruction::CamFromWorld(const Scene& scene,
   const auto& sensor = sensor_from_rig[image.sensor_idx];
   const auto& frame = rig_from_world[image.frame_idx];
   if (!sensor || !frame) return std::nullopt;
-  return *sensor * *frame;
+  if (motions.empty()) return *sensor * *frame;
+  return *sensor * Move(*frame, motions[image_idx]);
 }
 
 bool Reconstruction::IsRegistered(const Scene& scene, int image_idx) const {
@@ -45,6 +46,10 @@ void TransformWorld(const Sim3& new_from_old, Reconstruction* reconstruction) {
   }
   for (std::optional<Rigid3>& pose : reconstruction->rig_from_world) {
     if (pose) pose = TransformWorld(new_from_old, *pose);
+  }
+  for (RigMotion& motion : reconstruction->motions) {
+    motion.shift_in_world =
+        new_from_old.scale * (new_from_old.rotation * motion.shift_in_world);
   }
   for (Point3D& point : reconstruction->points) {
     point.point_in_world = new_from_old * point.point_in_world;
