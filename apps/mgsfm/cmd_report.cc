@@ -87,7 +87,7 @@ ShownModel LoadShownModel(const ReportCommandOptions& options,
   LoadedScene loaded =
       LoadScene(options.database_path, options.loading, context);
   if (model.poses.images.empty()) {
-    Reconstruction none{loaded.scene.cameras, {}, {}, {}};
+    Reconstruction none{loaded.scene.cameras, {}, {}, {}, {}};
     none.sensor_from_rig.resize(loaded.scene.sensors.size());
     none.rig_from_world.resize(loaded.scene.frames.size());
     return {std::move(loaded.scene), std::move(none),

@@ -70,7 +70,8 @@ class Surroundings {
   }
 
   Reconstruction Restrict(const std::vector<int>& frame_idxs) const {
-    Reconstruction part{model_.cameras, model_.sensor_from_rig, {}, {}};
+    Reconstruction part{
+        model_.cameras, model_.sensor_from_rig, {}, model_.motions, {}};
     part.rig_from_world.resize(scene_.frames.size());
     std::vector<size_t> idxs;
     for (const int i : frame_idxs) {

@@ -51,8 +51,11 @@ void RefineNewFrames(const PassInput& input, const Mask& frame_is_new,
   const std::vector<size_t> point_idxs =
       PointsSeenBy(frame_is_new, input.scene, *model);
   if (point_idxs.empty()) return;
-  Reconstruction seen{
-      model->cameras, model->sensor_from_rig, model->rig_from_world, {}};
+  Reconstruction seen{model->cameras,
+                      model->sensor_from_rig,
+                      model->rig_from_world,
+                      model->motions,
+                      {}};
   for (const size_t i : point_idxs) seen.points.push_back(model->points[i]);
   const BundleResult result =
       AdjustBundle(input.scene, seen, options, input.context, {}, fixed);
