@@ -9,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/nanoseconds.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "command.h"
 #include "database/database_reader.h"
@@ -26,6 +27,7 @@
 #include "mgsfm/rigs/rig_config.h"
 #include "models/point_colors.h"
 #include "partition_run.h"
+#include "rigs/image_times.h"
 
 namespace mgsfm {
 
@@ -95,13 +97,22 @@ std::string WriteReportPages(const fs::path& output_path,
   return first_page;
 }
 
-void CheckTimestamps(const MapperRun& run) {
-  if (run.loading.image_timestamps_path->empty() &&
-      !run.loading.PairsFramesByTime() &&
-      run.mapper.soft_rig.method == SoftRig::kTimeOffset) {
-    throw Error(
-        "--SoftRig.method time_offset needs the times of images; "
-        "set --image_timestamps_path");
+// Delays and readout times need the times of images: those of a file or,
+// without one, those in the names.
+void SetTimestamps(SoftRig method, Scene* scene) {
+  if (method == SoftRig::kAuto || method == SoftRig::kNone ||
+      method == SoftRig::kSoft) {
+    return;
+  }
+  for (Image& image : scene->images) {
+    if (image.timestamp_s) continue;
+    const auto time_ns = TimeInName(image.name);
+    if (!time_ns) {
+      throw Error("--SoftRig.method " + std::string(EnumName(method)) +
+                  " needs the times of images, but the name of '" + image.name +
+                  "' has none; set --image_timestamps_path");
+    }
+    image.timestamp_s = static_cast<double>(*time_ns) / kNsPerSecond;
   }
 }
 
@@ -286,7 +297,6 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
 
 int MapDatabase(const MapperRun& run, const Context& context) {
   CheckImagePath(run.image_path);
-  CheckTimestamps(run);
   CheckFixedRegionFolder(run.fixed_region_mask_path);
   // Reports contradictions before anything is read.
   MapperOptions resolved = run.mapper;
@@ -297,6 +307,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
 
   const StageTimer reading;
   LoadedInput input = LoadMapperInput(run, StartUse(), context);
+  SetTimestamps(run.mapper.soft_rig.method, &input.mapper.scene);
   const Scene& scene = input.mapper.scene;
   CheckFormat(scene, run.output_format);
   description.rig_source = input.rig_source;

@@ -85,8 +85,9 @@ struct SceneLoadingOptions {
       "image_timestamps_path", "",
       "Read the exposure times of images from this file with one line "
       "`image_name SECONDS` per image. Without it, frame_max_time_difference_s "
-      "uses the times in image names. SoftRig.method time_offset needs "
-      "exposure times, too."};
+      "and the methods of SoftRig.method that estimate times use those in "
+      "image "
+      "names."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

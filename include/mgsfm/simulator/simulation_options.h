@@ -254,6 +254,10 @@ struct SimulationOptions {
   Option<double> trigger_offset_ms{"trigger_offset", 0.0, AnyValue(), "ms",
                                    "Delay the images of all sensors except the "
                                    "first relative to their frame."};
+  Option<double> readout_ms{
+      "readout", 0.0, AtLeast(0.0), "ms",
+      "Set the time from the first to the last row of an image (rolling "
+      "shutter); the middle row has the time of the image."};
   Option<double> wrong_pair_ratio{"wrong_pair_ratio", 0.0, Between(0.0, 1.0),
                                   "Set the fraction of pairs with a random "
                                   "relative pose and random matches."};
@@ -283,8 +287,9 @@ struct SimulationOptions {
           moving_feature_ratio, convoy_ratio, convoy_feature_ratio,
           weak_cut_spacing, min_num_weak_cut_matches, max_num_weak_cut_matches,
           relative_rotation_noise_deg, missing_image_ratio, trigger_jitter_ms,
-          trigger_offset_ms, wrong_pair_ratio, isolated_wrong_pair_ratio,
-          duplicated_pair_ratio, extrinsics_are_known);
+          trigger_offset_ms, readout_ms, wrong_pair_ratio,
+          isolated_wrong_pair_ratio, duplicated_pair_ratio,
+          extrinsics_are_known);
   }
 };
 

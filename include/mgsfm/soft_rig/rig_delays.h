@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <Eigen/Core>
 #include <cmath>
 #include <optional>
 #include <string>
@@ -58,9 +57,8 @@ struct UnitError {
 struct RigDelays {
   bool is_in_seconds = false;        // otherwise in frame intervals
   std::vector<CameraDelay> cameras;  // all but the reference cameras
-  // Per frame: the angular velocity of the rig in the rig frame.
-  std::vector<Eigen::Vector3d> angular_velocities;
-  // The frames and sensors of the model with these delays, without points.
+  // The frames, sensors and motions of the model with these delays, without
+  // points.
   Reconstruction delayed;
   std::optional<UnitError> unit;  // only if a length is known
 

@@ -22,8 +22,8 @@ namespace mgsfm {
 // serves cameras that do not trigger simultaneously or are not rigidly mounted.
 //
 // Model. Image i of sensor s in frame f has the pose cam_from_world = S_i G_f.
-// Its rig predicts S_i = S_s D_i: S_s is sensor_from_rig, and D_i is the motion
-// of the rig between the frame and the image.
+// Its rig predicts S_i = S_s D_i: S_s is sensor_from_rig, and D_i the motion of
+// the rig between the frame and the image, the identity without image times.
 //
 // Objective, over points p, frame poses G_f and image poses S_i:
 //
@@ -48,11 +48,6 @@ namespace mgsfm {
 //   extrinsics: generalized least squares: all S_s move by
 //               (sum J_i^T W_ij J_j)^-1 sum J_i^T A_s^-1 x_i, where J_i is the
 //               derivative of S_s D_i. Fixed extrinsics do not move.
-//   time:       kTimeOffset only: D_i = T(t_i + offset_s) T(t_f)^-1 with the
-//               timestamps t_i of the image and t_f of the frame and the
-//               trajectory T of the rig
-//               (src/estimation/soft_rig/rig_trajectory.h). The offset is the
-//               seventh coordinate of the step. Otherwise D_i is the identity.
 // The sums run over at most 200 frames per rig that have several images.
 //
 // Gauge: that of bundle adjustment. Without position priors, scale is fixed to
@@ -60,8 +55,8 @@ namespace mgsfm {
 // has smaller deviations.
 //
 // Stopping criteria. The iteration ends after a round in which no standard
-// deviation changes by more than sigma_tolerance (relative) and no time offset
-// by more than time_offset_tolerance, or after max_num_rounds. A standard
+// deviation changes by more than sigma_tolerance (relative), or after
+// max_num_rounds. A standard
 // deviation counts as zero (rigid) if the images determine less than 1/50 of
 // the deviations: mean tr C_i / 3 < 0.02.
 //
@@ -70,33 +65,35 @@ namespace mgsfm {
 // points again.
 
 enum class SoftRig {
-  kNone,
+  kAuto,        // image times, if frames have several that explain more
+  kNone,        // images at the times of their frames
   kSoft,        // one deviation per image
-  kTimeOffset,  // one time offset per sensor, and deviations from it
+  kTimeOffset,  // one delay per sensor
+  kReadout,     // one readout time per sensor
+  kBoth,        // delays and readout times
 };
 
 template <>
 struct EnumTable<SoftRig> {
   static constexpr std::pair<std::string_view, SoftRig> kNames[] = {
-      {"none", SoftRig::kNone},
-      {"soft", SoftRig::kSoft},
-      {"time_offset", SoftRig::kTimeOffset}};
+      {"auto", SoftRig::kAuto},       {"none", SoftRig::kNone},
+      {"soft", SoftRig::kSoft},       {"time_offset", SoftRig::kTimeOffset},
+      {"readout", SoftRig::kReadout}, {"both", SoftRig::kBoth}};
 };
 
 struct SoftRigOptions {
   Option<SoftRig> method{
-      "method", SoftRig::kNone,
-      "Estimate a pose per image near the one that the rig predicts (soft), or "
-      "also a trigger delay per camera from image timestamps (time_offset). "
-      "Use it if cameras do not trigger simultaneously."};
+      "method", SoftRig::kAuto,
+      "Estimate a trigger delay per camera (time_offset), the time in which it "
+      "reads an image (readout), both, or a pose per image near the rig "
+      "(soft). auto uses image times that differ within frames if they explain "
+      "more matches; none never does."};
   int max_num_rounds = 15;
   // Convergence requires that no standard deviation changes by more than this
   // fraction.
   double sigma_tolerance = 0.05;
-  // Converged when no time offset changes by more than this.
-  double time_offset_tolerance_s = 1e-5;
-  // A time offset is unobservable if its standard deviation exceeds this
-  // fraction of the median time between two frames.
+  // A delay or readout time is unobservable if its standard deviation exceeds
+  // this fraction of the median time between two frames.
   double max_time_offset_sigma = 0.1;
 
   template <class Visitor>
@@ -123,11 +120,14 @@ struct SoftRigSensor {
   double mean_error_after_px = 0.0;
   size_t num_observations_before = 0;
   size_t num_observations_after = 0;
-  // Only for kTimeOffset, if observable. Positive: the sensor triggers later
-  // than its timestamps say.
+  // Only if estimated and observable. Positive: the sensor triggers later than
+  // its timestamps say.
   std::optional<double> time_offset_s;
   std::optional<double> time_offset_sigma_s;
-  std::string message;  // why there is no time offset
+  // The time from the first to the last row.
+  std::optional<double> readout_s;
+  std::optional<double> readout_sigma_s;
+  std::string message;  // why a time is missing
 
   auto Fields() const {
     return Named(
@@ -181,9 +181,9 @@ struct SoftRigInput {
   BundlePriors priors = {};       // of bundle adjustment
 };
 
-// Refines a model after bundle adjustment with `bundle_options`. kTimeOffset
-// needs the timestamps of all images. The result is not usable if no frame has
-// two registered images or if a solve fails.
+// Refines a model after bundle adjustment with `bundle_options` (kSoft). The
+// result is not usable if no frame has two registered images or if a solve
+// fails.
 [[nodiscard]] SoftRigResult EstimateSoftRig(
     const SoftRigInput& input, const SoftRigOptions& options,
     const BundleAdjustmentOptions& bundle_options, const Context& context);

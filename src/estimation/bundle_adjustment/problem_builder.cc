@@ -44,16 +44,14 @@ PoseMask MakePoseMask(bool is_refined, RefinedParts parts) {
   return mask;
 }
 
-// Adds all points with at least two visible observations. Returns the indices
-// in the scene of the images of the problem.
-std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
+// Adds all points with at least two visible observations.
+void AddPoints(const ProblemInput& input, BuiltProblem* built) {
   const Scene& scene = input.scene;
   const std::vector<ImageView> views =
       MakeImageViews(scene, input.reconstruction);
   BundleProblem& problem = built->problem;
   DenseNumbering frames(scene.frames.size()), sensors(scene.sensors.size());
   DenseNumbering cameras(scene.cameras.size()), images(scene.images.size());
-  std::vector<int> image_idxs;
   std::vector<const Observation*> visible;
   problem.observations.reserve(NumObservations(input.reconstruction));
   const size_t num_points = input.reconstruction.points.size();
@@ -75,7 +73,7 @@ std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
     if (visible.size() < 2) continue;
     for (const Observation* o : visible) {
       const Image& image = scene.images[o->image_idx];
-      const int number = images.NumberOf(o->image_idx, &image_idxs);
+      const int number = images.NumberOf(o->image_idx, &built->image_idxs);
       if (number == static_cast<int>(problem.images.size())) {
         problem.images.push_back(
             {frames.NumberOf(image.frame_idx, &built->frame_idxs),
@@ -89,7 +87,6 @@ std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
     built->state.points.push_back(point.point_in_world);
     built->point_idxs.push_back(static_cast<int>(i));
   }
-  return image_idxs;
 }
 
 void AddFrame(const ProblemInput& input, int frame_idx, BuiltProblem* built) {
@@ -232,7 +229,8 @@ BuiltProblem BuildProblem(const Scene& scene,
   problem.points_are_free = options.refine_points;
   problem.loss = {RobustLossType::kCauchy, options.loss_scale_px};
   problem.loss_follows_freedom = true;
-  const std::vector<int> image_idxs = AddPoints(input, &built);
+  AddPoints(input, &built);
+  const std::vector<int>& image_idxs = built.image_idxs;
   if (!reconstruction.motions.empty()) {
     for (const int image_idx : image_idxs) {
       problem.motions.push_back(reconstruction.motions[image_idx]);

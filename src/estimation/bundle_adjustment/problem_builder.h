@@ -42,6 +42,7 @@ struct BuiltProblem {
   BundleState state;
   // Indices in the scene, or in Reconstruction::points, of the elements of the
   // problem. Elements without observations are not in the problem.
+  std::vector<int> image_idxs;
   std::vector<int> frame_idxs;
   std::vector<int> sensor_idxs;
   std::vector<int> camera_idxs;

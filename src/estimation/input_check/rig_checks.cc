@@ -86,7 +86,7 @@ size_t FindSplit(const std::vector<Vector3d>& residuals, size_t min_size) {
 }
 
 // A significant step between two sensors.
-struct Move {
+struct RigMove {
   int sensor_a;
   int sensor_b;
   RigStep step;
@@ -99,13 +99,13 @@ struct Move {
 
 // The sensor in most moves. Ties go to the last sensor, because the first one
 // is the reference in most rigs.
-int FindCulprit(const std::vector<Move>& moves, int num_sensors) {
+int FindCulprit(const std::vector<RigMove>& moves, int num_sensors) {
   int culprit = 0;
   std::ptrdiff_t most = 0;
   for (int sensor = 0; sensor < num_sensors; ++sensor) {
     const auto count =
         std::count_if(moves.begin(), moves.end(),
-                      [&](const Move& m) { return m.Concerns(sensor); });
+                      [&](const RigMove& m) { return m.Concerns(sensor); });
     if (count < most) continue;
     most = count;
     culprit = sensor;
@@ -121,7 +121,7 @@ std::string DescribeDelay(const CameraDelay& camera, bool is_in_seconds) {
                    camera.delay > 0.0 ? "late" : "early");
 }
 
-Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
+Finding DescribeMove(const Scene& scene, int culprit, const RigMove& move) {
   const int other = move.sensor_a == culprit ? move.sensor_b : move.sensor_a;
   const std::string& camera = scene.sensors[culprit].name;
   const std::string& frame = scene.frames[move.step.first_frame_idx].name;
@@ -218,29 +218,33 @@ std::vector<Finding> DescribeDelays(const Scene& scene,
   return findings;
 }
 
-void RemoveDelays(const Scene& scene, const RigDelays& delays,
-                  std::vector<SensorPairSamples>* pairs) {
-  std::vector<double> delay_of_sensor(scene.sensors.size(), 0.0);
-  for (const CameraDelay& camera : delays.cameras) {
-    delay_of_sensor[camera.sensor_idx] = camera.delay;
-  }
+void RemoveMotions(const Scene& scene, const Reconstruction& model,
+                   std::vector<SensorPairSamples>* pairs) {
+  if (model.motions.empty()) return;
+  const auto turn_of = [&](int frame_idx, int sensor_idx) {
+    for (const int image_idx : scene.frames[frame_idx].image_idxs) {
+      if (scene.images[image_idx].sensor_idx == sensor_idx) {
+        return model.motions[image_idx].rotation;
+      }
+    }
+    return Eigen::Quaterniond::Identity();
+  };
   for (SensorPairSamples& pair : *pairs) {
-    const auto& a_from_rig = delays.delayed.sensor_from_rig[pair.sensor_a];
+    const auto& a_from_rig = model.sensor_from_rig[pair.sensor_a];
     if (!a_from_rig) continue;
-    const double delay =
-        delay_of_sensor[pair.sensor_b] - delay_of_sensor[pair.sensor_a];
     for (RigSample& sample : pair.samples) {
-      const Vector3d turn =
-          a_from_rig->rotation *
-          (delay * delays.angular_velocities[sample.frame_idx]);
-      sample.b_from_a = sample.b_from_a * ExpSO3(-turn);
+      const Eigen::Quaterniond turn =
+          turn_of(sample.frame_idx, pair.sensor_a) *
+          turn_of(sample.frame_idx, pair.sensor_b).conjugate();
+      sample.b_from_a = sample.b_from_a * a_from_rig->rotation * turn *
+                        a_from_rig->rotation.conjugate();
     }
   }
 }
 
 std::vector<Finding> FindRigMoves(const Scene& scene,
                                   const std::vector<SensorPairSamples>& pairs) {
-  std::vector<Move> moves;
+  std::vector<RigMove> moves;
   std::vector<int> num_pairs(scene.sensors.size(), 0);
   for (const SensorPairSamples& pair : pairs) {
     const auto step = FindLargestStep(pair.samples);
@@ -257,15 +261,15 @@ std::vector<Finding> FindRigMoves(const Scene& scene,
     const int culprit = FindCulprit(moves, static_cast<int>(num_pairs.size()));
     const auto others =
         std::partition(moves.begin(), moves.end(),
-                       [&](const Move& m) { return m.Concerns(culprit); });
+                       [&](const RigMove& m) { return m.Concerns(culprit); });
     // A moved sensor moves relative to most others.
     if (2 * (others - moves.begin()) > num_pairs[culprit]) {
-      findings.push_back(
-          DescribeMove(scene, culprit,
-                       *std::max_element(moves.begin(), others,
-                                         [](const Move& a, const Move& b) {
-                                           return a.Strength() < b.Strength();
-                                         })));
+      findings.push_back(DescribeMove(
+          scene, culprit,
+          *std::max_element(moves.begin(), others,
+                            [](const RigMove& a, const RigMove& b) {
+                              return a.Strength() < b.Strength();
+                            })));
     }
     moves.erase(moves.begin(), others);
   }

@@ -32,10 +32,10 @@ std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples);
 std::vector<Finding> DescribeDelays(const Scene& scene,
                                     const RigDelays& delays);
 
-// Rotates the samples to the time of their frames, so that the checks below see
-// only what delays do not explain.
-void RemoveDelays(const Scene& scene, const RigDelays& delays,
-                  std::vector<SensorPairSamples>* pairs);
+// Rotates the samples to the time of their frames by the motions of a model, so
+// that the checks below see only what its times do not explain.
+void RemoveMotions(const Scene& scene, const Reconstruction& model,
+                   std::vector<SensorPairSamples>* pairs);
 
 // A sensor that moved relative to most others of its rig (kRigMoved). The step
 // must exceed 0.5 degrees and six standard deviations of one sample: neither

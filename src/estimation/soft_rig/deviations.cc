@@ -101,8 +101,8 @@ PoseVector PriorVariances(const DeviationSigma& sigma) {
 }
 
 CalibrationEquations::CalibrationEquations(int num_sensors)
-    : matrix_(Eigen::MatrixXd::Zero(7 * num_sensors, 7 * num_sensors)),
-      vector_(Eigen::VectorXd::Zero(7 * num_sensors)) {}
+    : matrix_(Eigen::MatrixXd::Zero(6 * num_sensors, 6 * num_sensors)),
+      vector_(Eigen::VectorXd::Zero(6 * num_sensors)) {}
 
 void CalibrationEquations::AddFrame(
     const FrameDeviations& frame, const std::vector<int>& slots,
@@ -111,7 +111,7 @@ void CalibrationEquations::AddFrame(
   for (size_t i = 0; i < slots.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(6 * i);
     const PoseVector inverse_i = prior_variances[i].cwiseInverse();
-    vector_.segment<7>(7 * slots[i]) +=
+    vector_.segment<6>(6 * slots[i]) +=
         jacobians[i].transpose() *
         inverse_i.cwiseProduct(frame.images[i].value);
     for (size_t j = 0; j < slots.size(); ++j) {
@@ -121,7 +121,7 @@ void CalibrationEquations::AddFrame(
           -(inverse_i.asDiagonal() * frame.covariance.block<6, 6>(row, column) *
             inverse_j.asDiagonal());
       if (i == j) weight.diagonal() += inverse_i;
-      matrix_.block<7, 7>(7 * slots[i], 7 * slots[j]) +=
+      matrix_.block<6, 6>(6 * slots[i], 6 * slots[j]) +=
           jacobians[i].transpose() * weight * jacobians[j];
     }
   }
@@ -130,31 +130,19 @@ void CalibrationEquations::AddFrame(
 void CalibrationEquations::AddPrior(int slot, const PoseVector& change,
                                     const PoseVector& variances) {
   const PoseVector inverse = variances.cwiseInverse();
-  matrix_.diagonal().segment<6>(7 * slot) += inverse;
-  vector_.segment<6>(7 * slot) += inverse.cwiseProduct(change);
+  matrix_.diagonal().segment<6>(6 * slot) += inverse;
+  vector_.segment<6>(6 * slot) += inverse.cwiseProduct(change);
 }
 
 // Fixed coordinates get a unit diagonal, so the matrix stays invertible.
-Eigen::MatrixXd CalibrationEquations::Masked(
-    const Eigen::VectorXd& mask) const {
+Eigen::VectorXd CalibrationEquations::Solve(const Eigen::VectorXd& mask) const {
   Eigen::MatrixXd masked = mask.asDiagonal() * matrix_ * mask.asDiagonal();
   // Relative to the diagonal; regularizes unconstrained coordinates.
   masked.diagonal() *= 1.0 + 1e-9;
   for (Eigen::Index i = 0; i < mask.size(); ++i) {
     if (!(masked(i, i) > 0.0)) masked(i, i) = 1.0;
   }
-  return masked;
-}
-
-Eigen::VectorXd CalibrationEquations::Solve(const Eigen::VectorXd& mask) const {
-  return Masked(mask).ldlt().solve(mask.cwiseProduct(vector_));
-}
-
-Eigen::VectorXd CalibrationEquations::Variances(
-    const Eigen::VectorXd& mask) const {
-  const Eigen::MatrixXd identity =
-      Eigen::MatrixXd::Identity(mask.size(), mask.size());
-  return mask.cwiseProduct(Masked(mask).ldlt().solve(identity).diagonal());
+  return masked.ldlt().solve(mask.cwiseProduct(vector_));
 }
 
 }  // namespace mgsfm

@@ -45,11 +45,11 @@ std::vector<DeviationSigma> UpdateSigmas(
 PoseVector PriorVariances(const DeviationSigma& sigma);
 
 // The derivative of the expected pose of an image with respect to a change of
-// its sensor: pose (6 coordinates), then time offset (1).
-using SensorJacobian = Eigen::Matrix<double, 6, 7>;
+// the pose of its sensor.
+using SensorJacobian = PoseMatrix;
 
-// The normal equations of the extrinsics and time offsets of a rig. Unknowns: 7
-// per sensor, in the order of the sensors of the rig ("slots").
+// The normal equations of the extrinsics of a rig. Unknowns: 6 per sensor, in
+// the order of the sensors of the rig ("slots").
 class CalibrationEquations {
  public:
   explicit CalibrationEquations(int num_sensors);
@@ -63,14 +63,10 @@ class CalibrationEquations {
   void AddPrior(int slot, const PoseVector& change,
                 const PoseVector& variances);
 
-  // Both functions treat coordinates with a mask of 0 as fixed and return 0 for
-  // them.
+  // Treats coordinates with a mask of 0 as fixed and returns 0 for them.
   Eigen::VectorXd Solve(const Eigen::VectorXd& mask) const;
-  Eigen::VectorXd Variances(const Eigen::VectorXd& mask) const;
 
  private:
-  Eigen::MatrixXd Masked(const Eigen::VectorXd& mask) const;
-
   Eigen::MatrixXd matrix_;
   Eigen::VectorXd vector_;
 };

@@ -7,13 +7,10 @@
 #include <limits>
 #include <utility>
 
-#include "bundle_adjustment/point_filters.h"
-#include "bundle_adjustment/retriangulation.h"
-#include "bundle_adjustment/solve.h"
 #include "geometry/so3.h"
 #include "soft_rig/rig_scores.h"
-#include "soft_rig/rig_trajectory.h"
 #include "soft_rig/soft_rig_problem.h"
+#include "soft_rig/timed_rig.h"
 
 namespace mgsfm {
 namespace {
@@ -209,11 +206,11 @@ std::optional<Stretch> StretchOfDistances(
 }  // namespace
 
 std::optional<UnitError> EstimateUnitError(
-    const Scene& scene, const RigScores& scores, const DelayedRig& rig,
+    const Scene& scene, const RigScores& scores, const TimedRig& rig,
     const Reconstruction& model,
     const std::vector<std::pair<int, int>>& known_distances,
     const BundleAdjustmentOptions& options) {
-  const Reconstruction& delayed = rig.model.rig;
+  const Reconstruction& delayed = rig.model;
   const double before = SpreadOf(model), after = SpreadOf(delayed);
   const double rig_size = RigSize(model);
   if (before <= rig_size || after <= rig_size) return std::nullopt;
@@ -236,45 +233,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int kSensorColumns = RigScores::kNumColumns;
-
-void SetMotions(const Scene& scene, const std::vector<double>& times,
-                DelayedRig* rig) {
-  rig->motions.assign(scene.frames.size(), PoseVector::Zero());
-  for (size_t r = 0; r < scene.rigs.size(); ++r) {
-    std::vector<std::pair<double, int>> frames;
-    for (size_t f = 0; f < scene.frames.size(); ++f) {
-      if (scene.frames[f].rig_idx != static_cast<int>(r) ||
-          !rig->model.rig.rig_from_world[f]) {
-        continue;
-      }
-      frames.emplace_back(times[f], static_cast<int>(f));
-    }
-    if (frames.empty()) continue;
-    std::sort(frames.begin(), frames.end());
-    std::vector<double> ordered;
-    std::vector<Rigid3> poses;
-    for (const auto& [time, f] : frames) {
-      ordered.push_back(time);
-      poses.push_back(*rig->model.rig.rig_from_world[f]);
-    }
-    const RigTrajectory trajectory(ordered, poses);
-    for (size_t k = 0; k < frames.size(); ++k) {
-      rig->motions[frames[k].second] = trajectory.VelocityAt(k);
-      // Ten blocks of frames: Student's t with nine degrees of freedom.
-      rig->block_of_frame[frames[k].second] =
-          static_cast<int>(k * 10 / frames.size());
-    }
-  }
-}
-
-void SetImagePoses(const Scene& scene, DelayedRig* rig) {
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    auto& pose = rig->model.separate.rig_from_world[i];
-    if (!pose) continue;
-    pose = DelayedPose(scene, *rig, static_cast<int>(i)) *
-           *rig->model.rig.rig_from_world[scene.images[i].frame_idx];
-  }
-}
 
 // The same with pose columns only.
 RigScores WithoutDelays(RigScores scores) {
@@ -302,26 +260,6 @@ double Overdispersion(const MatrixXd& actual, const MatrixXd& independent,
          6.0;
 }
 
-void Step(const RigScores& scores, const VectorXd& x, DelayedRig* rig) {
-  Reconstruction& model = rig->model.rig;
-  for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
-    const auto change = x.segment<kSensorColumns>(
-        static_cast<Eigen::Index>(kSensorColumns * k));
-    Rigid3& pose = *model.sensor_from_rig[scores.sensor_idxs[k]];
-    pose.rotation = (ExpSO3(change.head<3>()) * pose.rotation).normalized();
-    pose.translation += change.segment<3>(3);
-    rig->delays[scores.sensor_idxs[k]] += change[6];
-  }
-  VectorXd all(x.size() + 1);
-  all << x, 1.0;
-  for (size_t f = 0; f < scores.frame_idxs.size(); ++f) {
-    const PoseVector change = scores.frame_response[f] * all;
-    Rigid3& pose = *model.rig_from_world[scores.frame_idxs[f]];
-    pose = Rigid3::FromRotationAndCenter(
-        (ExpSO3(change.head<3>()) * pose.rotation).normalized(),
-        pose.Center() + change.tail<3>());
-  }
-}
 // Whether a delay is significant for independent residuals.
 bool MayBeDelayed(const RigScores& scores) {
   const VectorXd step = NewtonStep(scores);
@@ -337,8 +275,8 @@ bool MayBeDelayed(const RigScores& scores) {
 }
 
 std::vector<CameraDelay> Describe(const RigScores& rigid,
-                                  const RigScores& scores,
-                                  const DelayedRig& rig, bool has_converged) {
+                                  const RigScores& scores, const TimedRig& rig,
+                                  bool has_converged) {
   const MatrixXd covariance = Jackknife(scores);
   const RigScores poses = WithoutDelays(rigid);
   const MatrixXd of_poses = Jackknife(poses);
@@ -363,34 +301,6 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
   return cameras;
 }
 
-bool HasConverged(const RigScores& scores) {
-  const VectorXd step = NewtonStep(scores);
-  const MatrixXd covariance = Jackknife(scores);
-  for (Eigen::Index k = kSensorColumns - 1; k < step.size();
-       k += kSensorColumns) {
-    // Smaller changes are insignificant.
-    if (std::abs(step[k]) > 0.1 * std::sqrt(covariance(k, k))) {
-      return false;
-    }
-  }
-  return true;
-}
-
-void Triangulate(const Scene& separate, const CandidateSource& candidates,
-                 const BundleAdjustmentOptions& options, int num_rounds_left,
-                 const Context& context, Reconstruction* model) {
-  // The error due to delays is unknown at first: accept errors up to the
-  // maximum.
-  const double sigma_px =
-      num_rounds_left > 0 ? std::numeric_limits<double>::infinity()
-                          : NoiseSigmaPx(separate, *model, context.num_threads);
-  const double max_error_px = MaxErrorPx(options, sigma_px, num_rounds_left);
-  Retriangulate(
-      separate, *candidates.groups(*model, max_error_px),
-      MakeFilterOptions(separate, *model, options, max_error_px, context),
-      context.num_threads, model);
-}
-
 bool HasKnownLength(const Scene& scene, const RigMeasurements& measured) {
   return !measured.known_distances.empty() ||
          std::any_of(scene.sensors.begin(), scene.sensors.end(),
@@ -404,53 +314,39 @@ bool HasKnownLength(const Scene& scene, const RigMeasurements& measured) {
 
 std::optional<RigDelays> EstimateRigDelays(
     const Scene& scene, const RigMeasurements& measured,
-    const std::function<CandidateSource(const Scene& separate)>& candidates,
-    const Reconstruction& model, const BundleAdjustmentOptions& options,
-    const Context& context) {
-  std::vector<std::optional<Rigid3>> poses;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    poses.push_back(model.CamFromWorld(scene, static_cast<int>(i)));
-  }
-  const Scene separate = SeparateImages(scene);
-  DelayedRig rig{{model, SeparateImages(model, poses)},
-                 {},
-                 std::vector<int>(scene.frames.size(), 0),
-                 std::vector<double>(scene.sensors.size(), 0.0)};
-  SetMotions(scene, measured.times.times, &rig);
-  const auto rigid = ComputeRigScores(scene, separate, rig, options, context);
-  if (!rigid) return std::nullopt;
+    const CandidateSource& candidates, const Reconstruction& model,
+    const BundleAdjustmentOptions& options, const Context& context) {
+  TimedRig rig = StartTimedRig(scene, measured.times, model);
+  const auto rigid = ComputeRigScores(scene, rig, options, context);
+  if (!rigid || rigid->sensor_idxs.empty()) return std::nullopt;
   std::optional<RigScores> scores = rigid;
   bool has_converged = false;
   if (MayBeDelayed(*rigid)) {
-    const CandidateSource source = candidates(separate);
     for (int round = 1; round <= 12 && !has_converged; ++round) {
-      Step(*scores, NewtonStep(*scores), &rig);
-      SetMotions(scene, measured.times.times, &rig);
-      SetImagePoses(scene, &rig);
+      ApplyStep(scene, measured.times, *scores, NewtonStep(*scores), &rig);
       // The first rounds have wide error bounds, halved in each round.
       const int num_left = std::max(0, 3 - round);
-      Triangulate(separate, source, options, num_left, context,
-                  &rig.model.separate);
-      scores = ComputeRigScores(scene, separate, rig, options, context);
+      TriangulateAgain(scene, candidates, options, num_left, context,
+                       &rig.model);
+      scores = ComputeRigScores(scene, rig, options, context);
       if (!scores) return std::nullopt;
-      has_converged = num_left == 0 && HasConverged(*scores);
+      has_converged =
+          num_left == 0 &&
+          IsInsignificant(*scores, NewtonStep(*scores), StepPart::kTimes);
     }
   }
   RigDelays result;
   result.is_in_seconds = measured.times.are_seconds;
   result.cameras = Describe(*rigid, *scores, rig, has_converged);
   if (HasKnownLength(scene, measured)) {
-    const auto fixed = ComputeRigScores(scene, separate, rig, options, context,
-                                        RigGauge::kFixedScale);
+    const auto fixed =
+        ComputeRigScores(scene, rig, options, context, RigGauge::kFixedScale);
     if (fixed) {
       result.unit = EstimateUnitError(scene, *fixed, rig, model,
                                       measured.known_distances, options);
     }
   }
-  for (const PoseVector& motion : rig.motions) {
-    result.angular_velocities.emplace_back(motion.head<3>());
-  }
-  result.delayed = std::move(rig.model.rig);
+  result.delayed = std::move(rig.model);
   result.delayed.points.clear();
   return result;
 }

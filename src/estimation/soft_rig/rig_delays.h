@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <functional>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -13,6 +12,7 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/soft_rig/rig_delays.h"
 #include "soft_rig/rig_scores.h"
+#include "soft_rig/rig_trajectory.h"
 
 namespace mgsfm {
 
@@ -26,20 +26,14 @@ namespace mgsfm {
 // which have priors. nullopt if no length is known, or if the frames are closer
 // together than the sensors: the rig itself is then the largest length.
 std::optional<UnitError> EstimateUnitError(
-    const Scene& scene, const RigScores& scores, const DelayedRig& rig,
+    const Scene& scene, const RigScores& scores, const TimedRig& rig,
     const Reconstruction& model,
     const std::vector<std::pair<int, int>>& known_distances,
     const BundleAdjustmentOptions& options);
 
-// The time of each frame in seconds, or its number in the order of its rig.
-struct FrameTimes {
-  std::vector<double> times;
-  bool are_seconds = false;
-};
-
 // Knowledge about the rig other than images.
 struct RigMeasurements {
-  FrameTimes times;
+  CaptureTimes times;
   // Pairs of sensors whose known distance defines the unit of length.
   std::vector<std::pair<int, int>> known_distances;
 };
@@ -57,9 +51,8 @@ struct RigMeasurements {
 // cameras, or if the equations cannot be factorized.
 [[nodiscard]] std::optional<RigDelays> EstimateRigDelays(
     const Scene& scene, const RigMeasurements& measured,
-    const std::function<CandidateSource(const Scene& separate)>& candidates,
-    const Reconstruction& model, const BundleAdjustmentOptions& options,
-    const Context& context);
+    const CandidateSource& candidates, const Reconstruction& model,
+    const BundleAdjustmentOptions& options, const Context& context);
 
 // Adds the errors that the residuals reveal to covariances of the rigid model:
 // the overdispersion of blocks (for sensors also that of points if larger) and

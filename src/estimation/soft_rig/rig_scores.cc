@@ -15,6 +15,7 @@
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/residuals.h"
 #include "rig_solver/rig_equations.h"
+#include "soft_rig/soft_rig_problem.h"
 
 namespace mgsfm {
 namespace {
@@ -39,11 +40,14 @@ struct Linearized {
   Eigen::Matrix<double, 2, kColumns> of_sensor;
   int focal_column = -1;  // of its camera
   Vector2d of_focal;
+  int readout_column = -1;  // of its sensor
+  Vector2d of_readout;
 };
 
 struct ScoreColumns {
-  std::vector<int> of_sensor, of_camera;  // the first one; -1: none
-  std::vector<PoseMask> masks;            // per sensor that has columns
+  // The first one; -1: none.
+  std::vector<int> of_sensor, of_camera, of_readout;
+  std::vector<PoseMask> masks;  // per sensor that has columns
   int count = 0;
 };
 
@@ -62,16 +66,15 @@ Vector2d PrincipalPoint(const Camera& camera) {
 
 class ScoreBuilder {
  public:
-  ScoreBuilder(const Scene& scene, const DelayedRig& rig,
-               const SoftRigProblem& soft, const ScoreColumns& columns,
+  ScoreBuilder(const Scene& scene, const TimedRig& rig,
+               const BuiltProblem& built, const ScoreColumns& columns,
                const Context& context)
       : scene_(scene),
         rig_(rig),
-        soft_(soft),
-        built_(soft.built),
+        built_(built),
         columns_(columns),
         context_(context),
-        equations_(soft.built.problem, {}, context),
+        equations_(built.problem, {}, context),
         num_columns_(columns.count) {
     ComputeImagePoses(built_.problem, built_.state, &poses_);
   }
@@ -81,6 +84,9 @@ class ScoreBuilder {
  private:
   bool Linearize(size_t observation, const Vector3d& point,
                  const RobustLoss& loss, Linearized* result) const;
+  void LinearizeColumns(const PixelObservation& observation, const Vector3d& y,
+                        const Eigen::Matrix<double, 2, 3>& J,
+                        Linearized* result) const;
   std::vector<Linearized> LinearizePoint(size_t point) const;
   // Calls add(observations, derivatives with respect to the columns) for each
   // point, which absorbs a part of the derivatives, and merges the sums.
@@ -93,8 +99,7 @@ class ScoreBuilder {
   }
 
   const Scene& scene_;
-  const DelayedRig& rig_;
-  const SoftRigProblem& soft_;
+  const TimedRig& rig_;
   const BuiltProblem& built_;
   const ScoreColumns& columns_;
   const Context& context_;
@@ -129,27 +134,43 @@ bool ScoreBuilder::Linearize(size_t observation, const Vector3d& point,
   Eigen::Matrix<double, 2, 6> of_frame;
   of_frame << -J * CrossMatrix(y) * S, -J * R;
   result->of_frame = of_frame * problem.frame_masks[image.frame].asDiagonal();
-  const Image& scene_image = scene_.images[soft_.image_idxs[o.image]];
-  const int sensor_idx = scene_image.sensor_idx;
-  result->focal_column = columns_.of_camera[scene_image.camera_idx];
+  LinearizeColumns(o, y, J, result);
+  return true;
+}
+
+// `y` is the point in the axes of the camera, relative to the center of the
+// rig; `J` the derivative of the weighted residual.
+void ScoreBuilder::LinearizeColumns(const PixelObservation& o,
+                                    const Vector3d& y,
+                                    const Eigen::Matrix<double, 2, 3>& J,
+                                    Linearized* result) const {
+  const int image_idx = built_.image_idxs[o.image];
+  const Image& image = scene_.images[image_idx];
+  const Camera& camera = rig_.model.cameras[image.camera_idx];
+  result->focal_column = columns_.of_camera[image.camera_idx];
   if (result->focal_column >= 0) {
-    const Camera& camera = rig_.model.separate.cameras[scene_image.camera_idx];
     result->of_focal =
         result->residual +
-        root * (Vector2d(o.pixel[0], o.pixel[1]) - PrincipalPoint(camera));
+        std::sqrt(result->weight) *
+            (Vector2d(o.pixel[0], o.pixel[1]) - PrincipalPoint(camera));
   }
-  result->first_column = columns_.of_sensor[sensor_idx];
-  if (result->first_column < 0) return true;
+  const ImagePose& pose = poses_[o.image];
+  const Eigen::Map<const RowMajor3> R(pose.cam_from_world);
+  const Rigid3& sensor = *rig_.model.sensor_from_rig[image.sensor_idx];
+  const PoseVector& rate = rig_.rates[image_idx];
+  const Vector2d of_time =
+      J * ((sensor.rotation * rate.head<3>()).cross(y) - R * rate.tail<3>());
+  result->readout_column = columns_.of_readout[image.sensor_idx];
+  if (result->readout_column >= 0) {
+    result->of_readout = (o.pixel[1] / camera.height_px - 0.5) * of_time;
+  }
+  result->first_column = columns_.of_sensor[image.sensor_idx];
+  if (result->first_column < 0) return;
   const PoseMask& mask = columns_.masks[result->first_column / kColumns];
-  const Rigid3& sensor = *rig_.model.rig.sensor_from_rig[sensor_idx];
-  const PoseVector& motion = rig_.motions[built_.frame_idxs[image.frame]];
-  const Vector3d z = x - sensor.translation;
   Eigen::Matrix<double, 2, 6> of_pose;
-  of_pose << -J * CrossMatrix(z), J;
+  of_pose << -J * CrossMatrix(y), J;
   result->of_sensor << of_pose * mask.asDiagonal(),
-      J * ((sensor.rotation * motion.head<3>()).cross(z) -
-           R * motion.tail<3>());
-  return true;
+      rig_.estimates_delays ? of_time : Vector2d::Zero();
 }
 
 std::vector<Linearized> ScoreBuilder::LinearizePoint(size_t point) const {
@@ -202,6 +223,7 @@ void SetColumns(const Linearized& o, Eigen::Ref<MatrixXd> rows) {
     rows.middleCols<kColumns>(o.first_column) = o.of_sensor;
   }
   if (o.focal_column >= 0) rows.col(o.focal_column) = o.of_focal;
+  if (o.readout_column >= 0) rows.col(o.readout_column) = o.of_readout;
 }
 
 // Removes from the derivatives `e` of the observations of a point (2 rows each)
@@ -325,17 +347,16 @@ BundleAdjustmentOptions RefiningKnownPoses(BundleAdjustmentOptions options) {
   return options;
 }
 
-ScoreColumns NumberColumns(const Scene& scene, const SoftRigProblem& soft,
-                           RigGauge gauge,
+ScoreColumns NumberColumns(const Scene& scene, const TimedRig& rig,
+                           const BuiltProblem& built, RigGauge gauge,
                            const BundleAdjustmentOptions& options,
                            RigScores* result) {
-  ScoreColumns columns{std::vector<int>(scene.sensors.size(), -1),
-                       std::vector<int>(scene.cameras.size(), -1),
-                       {},
-                       0};
+  const std::vector<int> none(scene.sensors.size(), -1);
+  ScoreColumns columns{
+      none, std::vector<int>(scene.cameras.size(), -1), none, {}, 0};
   std::vector<bool> is_seen(scene.sensors.size(), false);
   std::vector<bool> has_focal_length(scene.cameras.size(), false);
-  for (const int i : soft.image_idxs) {
+  for (const int i : built.image_idxs) {
     const Image& image = scene.images[i];
     const CameraModelInfo& model = *FindCameraModel(
         static_cast<int32_t>(scene.cameras[image.camera_idx].model));
@@ -347,50 +368,44 @@ ScoreColumns NumberColumns(const Scene& scene, const SoftRigProblem& soft,
     if (!is_seen[k] || scene.IsReference(sensor_idx)) continue;
     columns.of_sensor[k] = columns.count;
     columns.count += kColumns;
-    columns.masks.push_back(gauge == RigGauge::kKnownPoses
+    columns.masks.push_back(gauge != RigGauge::kFixedScale
                                 ? RefineSensor(scene, sensor_idx, options).mask
                                 : PoseMask::Ones());
     result->sensor_idxs.push_back(sensor_idx);
   }
-  if (gauge == RigGauge::kKnownPoses) return columns;
   for (size_t c = 0; c < has_focal_length.size(); ++c) {
-    if (!has_focal_length[c]) continue;
+    const bool has_column = gauge == RigGauge::kFixedScale ||
+                            (gauge == RigGauge::kKnownShape &&
+                             RefinesFocalLength(scene.cameras[c], options));
+    if (!has_column || !has_focal_length[c]) continue;
     columns.of_camera[c] = columns.count++;
     result->camera_idxs.push_back(static_cast<int>(c));
+  }
+  for (size_t k = 0; k < is_seen.size(); ++k) {
+    if (!rig.estimates_readouts || !is_seen[k]) continue;
+    columns.of_readout[k] = columns.count++;
+    result->readout_sensor_idxs.push_back(static_cast<int>(k));
   }
   return columns;
 }
 
 void FixGaugeOfFrames(const Scene& scene, const std::vector<int>& sensor_idxs,
-                      RigGauge gauge, SoftRigProblem* soft) {
-  BundleProblem& problem = soft->built.problem;
+                      RigGauge gauge, BuiltProblem* built) {
+  BundleProblem& problem = built->problem;
   const bool is_known =
       std::any_of(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
         return scene.sensors[sensor_idx].sensor_from_rig.has_value();
       });
-  if (!is_known && gauge == RigGauge::kKnownPoses) return;
   std::fill(problem.frame_masks.begin(), problem.frame_masks.end(),
             PoseMask::Ones());
-  if (gauge == RigGauge::kKnownPoses) {
-    FixGauge(soft->built.state, &problem);
+  if (is_known && gauge == RigGauge::kKnownPoses) {
+    FixGauge(built->state, &problem);
   } else {
-    FixGaugeAndScale(soft->built.state, &problem);
+    FixGaugeAndScale(built->state, &problem);
   }
 }
 
 }  // namespace
-
-Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx) {
-  const Image& image = scene.images[image_idx];
-  const Rigid3& frame = *rig.model.rig.rig_from_world[image.frame_idx];
-  const PoseVector change =
-      rig.delays[image.sensor_idx] * rig.motions[image.frame_idx];
-  return *rig.model.rig.sensor_from_rig[image.sensor_idx] *
-         Rigid3::FromRotationAndCenter(
-             ExpSO3(change.head<3>()) * frame.rotation,
-             frame.Center() + change.tail<3>()) *
-         frame.Inverse();
-}
 
 KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
                               const Reconstruction& model,
@@ -429,43 +444,39 @@ KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
 }
 
 std::optional<RigScores> ComputeRigScores(
-    const Scene& scene, const Scene& separate, const DelayedRig& rig,
+    const Scene& scene, const TimedRig& rig,
     const BundleAdjustmentOptions& options, const Context& context,
     RigGauge gauge) {
-  BundleAdjustmentOptions adjusted = RefiningKnownPoses(options);
-  const double sigma_px =
-      std::max(kMinKeypointSigmaPx,
-               NoiseSigmaPx(separate, rig.model.separate, context.num_threads));
+  BundleAdjustmentOptions adjusted =
+      rig.estimates_delays ? RefiningKnownPoses(options) : options;
+  const double sigma_px = std::max(
+      kMinKeypointSigmaPx, NoiseSigmaPx(scene, rig.model, context.num_threads));
   adjusted.loss_scale_px = LossScalePx(options, sigma_px);
-  adjusted.refine_focal_length = RefineMode::kNo;
   adjusted.refine_principal_point = RefineMode::kNo;
   adjusted.refine_extra_params = RefineMode::kNo;
-  std::vector<std::optional<Rigid3>> poses(scene.images.size());
-  for (size_t i = 0; i < poses.size(); ++i) {
-    if (!rig.model.separate.rig_from_world[i]) continue;
-    poses[i] = DelayedPose(scene, rig, static_cast<int>(i));
-  }
-  SoftRigProblem soft = BuildSoftRigProblem(
-      scene, separate, rig.model,
-      {poses, std::vector<DeviationSigma>(scene.sensors.size())}, adjusted, {});
-  BundleProblem& problem = soft.built.problem;
+  BundleAdjustmentOptions held = adjusted;
+  held.refine_focal_length = RefineMode::kNo;
+  BuiltProblem built = BuildProblem(scene, rig.model, held, RefinedParts::kAll);
+  BundleProblem& problem = built.problem;
   problem.sensor_priors.clear();
   std::fill(problem.sensor_masks.begin(), problem.sensor_masks.end(),
             PoseMask::Zero());
-  const bool has_priors = gauge == RigGauge::kKnownPoses;
+  const bool has_priors = gauge != RigGauge::kFixedScale;
   RigScores result;
   const ScoreColumns columns =
-      NumberColumns(scene, soft, gauge, adjusted, &result);
-  if (columns.masks.empty()) return std::nullopt;
-  FixGaugeOfFrames(scene, result.sensor_idxs, gauge, &soft);
-  ScoreBuilder builder(scene, rig, soft, columns, context);
+      NumberColumns(scene, rig, built, gauge, adjusted, &result);
+  if (columns.count == 0) return std::nullopt;
+  FixGaugeOfFrames(scene, result.sensor_idxs, gauge, &built);
+  ScoreBuilder builder(scene, rig, built, columns, context);
   if (!builder.Build(&result)) return std::nullopt;
   result.sigma_px = sigma_px;
   result.scores_of_priors = VectorXd::Zero(result.scores.rows());
+  result.information_of_priors = result.scores_of_priors;
   if (has_priors) {
     const KnownColumns known =
-        FindKnownColumns(scene, result, rig.model.rig, adjusted);
+        FindKnownColumns(scene, result, rig.model, adjusted);
     result.information.diagonal() += known.information;
+    result.information_of_priors = known.information;
     result.scores_of_priors = known.information.cwiseProduct(known.deviation);
   }
   return result;

@@ -9,19 +9,20 @@
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "soft_rig/soft_rig_problem.h"
+#include "rig_solver/rig_problem.h"
 
 namespace mgsfm {
 
 // How the residuals of an adjusted model constrain changes of its rig.
 //
 // Columns: seven per sensor that is not the reference of its rig: the six
-// coordinates of its pose (rig_problem.h), and its delay. A delay moves the
-// image in frame f like a change `motions[f]` of the frame pose: the motion of
-// the rig per unit of time. With RigGauge::kFixedScale, further columns are the
-// logarithms of focal lengths. Let e_k be the derivatives of the weighted
-// residuals r with respect to column k, minus the part that frames and points
-// absorb. Then
+// coordinates of its pose (rig_problem.h), and its delay. A delay moves image i
+// with the velocity `rates[i]` of the rig. Further columns are the logarithms
+// of focal lengths, unless RigGauge excludes them, and the readout times of the
+// sensors if they are estimated: a row at the height v of the image, from -1/2
+// to 1/2, is taken v times the readout time after the image. Let e_k be the
+// derivatives of the weighted residuals r with respect to column k, minus the
+// part that frames and points absorb. Then
 //
 //   information  M_kl = e_k . e_l         scores  s_kb = sum over block b of
 //   e_k . r
@@ -33,11 +34,12 @@ struct RigScores {
   static constexpr int kNumColumns = 7;  // per sensor
   std::vector<int> sensor_idxs;
   std::vector<int> camera_idxs;
+  std::vector<int> readout_sensor_idxs;
   std::vector<int> frame_idxs;
   Eigen::MatrixXd information;  // with that of priors
   std::vector<Eigen::MatrixXd> block_information;
   Eigen::MatrixXd scores;  // columns x blocks
-  Eigen::VectorXd scores_of_priors;
+  Eigen::VectorXd scores_of_priors, information_of_priors;
   // The sum over observations of what s_b s_b^T is for a block: the covariance
   // of the scores if observations are independent.
   Eigen::MatrixXd noise;
@@ -51,26 +53,36 @@ struct RigScores {
   // robust loss reacts less than its weights suggest.
   double efficiency = 1.0;
   double sigma_px = 0.0;  // noise of the keypoints
+
+  // The column of the delay of sensor_idxs[k], or of the readout time of
+  // readout_sensor_idxs[k].
+  Eigen::Index DelayColumn(size_t k) const {
+    return static_cast<Eigen::Index>(kNumColumns * (k + 1)) - 1;
+  }
+  Eigen::Index ReadoutColumn(size_t k) const {
+    return static_cast<Eigen::Index>(kNumColumns * sensor_idxs.size() +
+                                     camera_idxs.size() + k);
+  }
 };
 
 // What known sensor poses determine.
 enum class RigGauge {
   kKnownPoses,  // the scale, and with their priors the poses of sensors
+  // With their priors the poses of sensors and the focal lengths that bundle
+  // adjustment refines; scale is fixed.
+  kKnownShape,
   kFixedScale,  // nothing: sensors and focal lengths are free, scale is fixed
 };
 
-// An adjusted model whose cameras trigger late: the image of sensor s in frame
-// f has the pose S_s D G_f, where D changes the frame by delays[s] *
-// motions[f].
-struct DelayedRig {
-  SoftRigModel model;               // the separate poses include the delays
-  std::vector<PoseVector> motions;  // per frame; see RigTrajectory::VelocityAt
+// An adjusted model whose cameras trigger late and read their rows in turn.
+struct TimedRig {
+  Reconstruction model;           // its motions include the delays
+  std::vector<PoseVector> rates;  // per image; see ImageMotions
   std::vector<int> block_of_frame;
-  std::vector<double> delays;  // per sensor
+  std::vector<double> delays, readouts;  // per sensor
+  bool estimates_delays = true;
+  bool estimates_readouts = false;
 };
-
-// The pose of an image in the rig: S_s D.
-Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx);
 
 // Prior knowledge of the columns, without errors of other columns.
 struct KnownColumns {
@@ -81,12 +93,13 @@ KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
                               const Reconstruction& model,
                               const BundleAdjustmentOptions& options);
 
-// nullopt if only reference sensors see points, or if the equations cannot be
+// The keypoints of `scene` are those that images without readout times would
+// have. nullopt if there are no columns, or if the equations cannot be
 // factorized. Masked coordinates of poses have neither information nor scores.
 // Cost: two passes over the observations, a factorization, and seven solves per
 // sensor.
 [[nodiscard]] std::optional<RigScores> ComputeRigScores(
-    const Scene& scene, const Scene& separate, const DelayedRig& rig,
+    const Scene& scene, const TimedRig& rig,
     const BundleAdjustmentOptions& options, const Context& context,
     RigGauge gauge = RigGauge::kKnownPoses);
 

@@ -63,22 +63,31 @@ void RigTrajectory::SetVelocities() {
   }
 }
 
-PoseVector RigTrajectory::VelocityAt(size_t frame) const {
-  PoseVector velocity;
-  velocity << angular_velocities_[frame], velocities_[frame];
-  return velocity;
-}
-
 size_t RigTrajectory::SegmentAt(double time_s) const {
   const auto after =
       std::upper_bound(times_s_.begin() + 1, times_s_.end() - 1, time_s);
   return static_cast<size_t>(after - times_s_.begin()) - 1;
 }
 
-double RigTrajectory::IntervalAt(double time_s) const {
+double RigTrajectory::MedianInterval() const {
   if (poses_.size() < 2) return std::numeric_limits<double>::infinity();
+  std::vector<double> intervals_s;
+  for (size_t k = 1; k < times_s_.size(); ++k) {
+    intervals_s.push_back(times_s_[k] - times_s_[k - 1]);
+  }
+  return Median(std::move(intervals_s));
+}
+
+PoseVector RigTrajectory::VelocityAt(double time_s) const {
+  if (poses_.size() < 2) return PoseVector::Zero();
+  // Half the step of central differences: small compared with the interval over
+  // which velocity changes, large compared with rounding errors.
   const size_t k = SegmentAt(time_s);
-  return times_s_[k + 1] - times_s_[k];
+  const double h = 1e-3 * (times_s_[k + 1] - times_s_[k]);
+  const Rigid3 before = PoseAt(time_s - h), after = PoseAt(time_s + h);
+  PoseVector velocity;
+  velocity << RotationBetween(before, after), after.Center() - before.Center();
+  return velocity / (2.0 * h);
 }
 
 Rigid3 RigTrajectory::Extrapolate(size_t frame, double time_s) const {
@@ -111,60 +120,66 @@ Rigid3 RigTrajectory::PoseAt(double time_s) const {
       (ExpSO3(rotated) * poses_[k].rotation).normalized(), start + moved);
 }
 
-ImageMotions::ImageMotions(const Scene& scene, bool use_times)
-    : scene_(scene), use_times_(use_times) {}
+namespace {
 
-void ImageMotions::SetTrajectories(const Reconstruction& reconstruction) {
-  if (!use_times_) return;
-  std::vector<std::vector<std::pair<double, int>>> frames(scene_.rigs.size());
-  world_from_rig_.resize(scene_.frames.size());
-  for (size_t i = 0; i < scene_.frames.size(); ++i) {
-    const auto& pose = reconstruction.rig_from_world[i];
-    if (!pose) continue;
-    world_from_rig_[i] = pose->Inverse();
-    const int frame_idx = static_cast<int>(i);
-    frames[scene_.frames[i].rig_idx].emplace_back(
-        TimeOfFrame(scene_, frame_idx), frame_idx);
+// Per rig; nullopt if none of its frames is registered.
+std::vector<std::optional<RigTrajectory>> MakeTrajectories(
+    const Scene& scene, const CaptureTimes& times,
+    const Reconstruction& model) {
+  std::vector<std::vector<std::pair<double, int>>> frames(scene.rigs.size());
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    if (!model.rig_from_world[f]) continue;
+    frames[scene.frames[f].rig_idx].emplace_back(times.frames[f],
+                                                 static_cast<int>(f));
   }
-  trajectories_.clear();
-  trajectories_.resize(scene_.rigs.size());
-  median_interval_.assign(scene_.rigs.size(),
-                          std::numeric_limits<double>::infinity());
+  std::vector<std::optional<RigTrajectory>> trajectories(scene.rigs.size());
   for (size_t r = 0; r < frames.size(); ++r) {
     if (frames[r].empty()) continue;
     std::sort(frames[r].begin(), frames[r].end());
-    std::vector<double> times_s, intervals_s;
+    std::vector<double> times_of_rig;
     std::vector<Rigid3> poses;
-    for (const auto& [time_s, frame_idx] : frames[r]) {
-      if (!times_s.empty()) intervals_s.push_back(time_s - times_s.back());
-      times_s.push_back(time_s);
-      poses.push_back(*reconstruction.rig_from_world[frame_idx]);
+    for (const auto& [time, frame_idx] : frames[r]) {
+      times_of_rig.push_back(time);
+      poses.push_back(*model.rig_from_world[frame_idx]);
     }
-    trajectories_[r].emplace(std::move(times_s), std::move(poses));
-    if (!intervals_s.empty()) median_interval_[r] = Median(intervals_s);
+    trajectories[r].emplace(std::move(times_of_rig), std::move(poses));
   }
+  return trajectories;
 }
 
-const RigTrajectory& ImageMotions::TrajectoryOf(int image_idx) const {
-  const int frame_idx = scene_.images[image_idx].frame_idx;
-  return trajectories_[scene_.frames[frame_idx].rig_idx].value();
+RigMotion MotionBetween(const Rigid3& from, const Rigid3& to) {
+  return {(to.rotation * from.rotation.conjugate()).normalized(),
+          to.Center() - from.Center()};
 }
 
-Rigid3 ImageMotions::MotionOf(int image_idx, double offset_s) const {
-  if (!use_times_) return {};
-  const Image& image = scene_.images[image_idx];
-  return TrajectoryOf(image_idx).PoseAt(*image.timestamp_s + offset_s) *
-         world_from_rig_[image.frame_idx];
-}
+}  // namespace
 
-double ImageMotions::IntervalAt(int image_idx, double offset_s) const {
-  return TrajectoryOf(image_idx).IntervalAt(
-      *scene_.images[image_idx].timestamp_s + offset_s);
-}
-
-double ImageMotions::MedianInterval(int rig_idx) const {
-  return use_times_ ? median_interval_[rig_idx]
-                    : std::numeric_limits<double>::infinity();
+ImageMotions FindImageMotions(const Scene& scene, const CaptureTimes& times,
+                              const std::vector<double>& delays,
+                              const Reconstruction& model) {
+  const auto trajectories = MakeTrajectories(scene, times, model);
+  ImageMotions motions{
+      std::vector<RigMotion>(scene.images.size()),
+      std::vector<PoseVector>(scene.images.size(), PoseVector::Zero()),
+      {}};
+  for (const auto& trajectory : trajectories) {
+    motions.median_intervals.push_back(
+        trajectory ? trajectory->MedianInterval()
+                   : std::numeric_limits<double>::infinity());
+  }
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const Image& image = scene.images[i];
+    const auto& frame = model.rig_from_world[image.frame_idx];
+    if (!frame) continue;
+    const RigTrajectory& trajectory =
+        *trajectories[scene.frames[image.frame_idx].rig_idx];
+    const double time = times.images[i] + delays[image.sensor_idx];
+    motions.rates[i] = trajectory.VelocityAt(time);
+    if (time != times.frames[image.frame_idx]) {
+      motions.since_frame[i] = MotionBetween(*frame, trajectory.PoseAt(time));
+    }
+  }
+  return motions;
 }
 
 }  // namespace mgsfm

@@ -24,12 +24,11 @@ class RigTrajectory {
                 std::vector<Rigid3> rig_from_world);
 
   Rigid3 PoseAt(double time_s) const;
-  // The angular velocity in the rig at a frame, and the velocity of its center
-  // in the world.
-  PoseVector VelocityAt(size_t frame) const;
-  // Time between the two frames around time_s; infinite if there is only one
-  // frame.
-  double IntervalAt(double time_s) const;
+  // The angular velocity in the rig, and the velocity of its center in the
+  // world.
+  PoseVector VelocityAt(double time_s) const;
+  // Infinite if there is only one frame.
+  double MedianInterval() const;
 
  private:
   size_t SegmentAt(double time_s) const;
@@ -42,34 +41,27 @@ class RigTrajectory {
   std::vector<Eigen::Vector3d> angular_velocities_, velocities_;
 };
 
-// The motion of a rig between the time of a frame and the time of one of its
-// images.
-class ImageMotions {
- public:
-  // Without use_times, all images are taken at the time of their frame.
-  ImageMotions(const Scene& scene, bool use_times);
-
-  // Sets the trajectories of all rigs from the poses of their frames.
-  void SetTrajectories(const Reconstruction& reconstruction);
-
-  // D_i of soft_rig.h for a registered image whose camera triggers offset_s
-  // late.
-  Rigid3 MotionOf(int image_idx, double offset_s) const;
-  // Time between the two frames around the image; infinite if there is only
-  // one frame.
-  double IntervalAt(int image_idx, double offset_s) const;
-  // Median time between two frames of a rig; infinite if there is only one.
-  double MedianInterval(int rig_idx) const;
-
- private:
-  const RigTrajectory& TrajectoryOf(int image_idx) const;
-
-  const Scene& scene_;
-  const bool use_times_;
-  // Per rig; nullopt if none of its frames is registered.
-  std::vector<std::optional<RigTrajectory>> trajectories_;
-  std::vector<double> median_interval_;  // per rig
-  std::vector<Rigid3> world_from_rig_;   // per frame
+// When frames and images are taken: in seconds on one clock or, without times,
+// the number of the frame in its rig.
+struct CaptureTimes {
+  std::vector<double> frames;
+  std::vector<double> images;
+  bool are_seconds = false;
 };
+
+// How rigs move when their images are taken.
+struct ImageMotions {
+  std::vector<RigMotion> since_frame;  // per image
+  // Per image and unit of time: the angular velocity in the rig, the velocity
+  // of its center in the world.
+  std::vector<PoseVector> rates;
+  // Per rig, the median time between two frames; infinite if there is only one.
+  std::vector<double> median_intervals;
+};
+
+// `delays` are per sensor: how long after its time an image is taken.
+ImageMotions FindImageMotions(const Scene& scene, const CaptureTimes& times,
+                              const std::vector<double>& delays,
+                              const Reconstruction& model);
 
 }  // namespace mgsfm

@@ -38,42 +38,11 @@ struct SoftRigRun : SoftRigInput {
 
 struct SoftRigState {
   SoftRigModel model;
-  RigCalibration calibration;
   std::vector<std::optional<Rigid3>> expected;  // per image
   std::vector<DeviationSigma> sigmas;           // per sensor
   std::vector<ObservedFraction> fractions;      // per sensor
   double sigma_px = 1.0;                        // noise of the keypoints
 };
-
-// The sum of reprojection errors over the images of a sensor.
-struct ErrorSums {
-  double sum_px = 0.0;
-  size_t num_observations = 0;
-
-  double Mean() const {
-    return num_observations > 0 ? sum_px / static_cast<double>(num_observations)
-                                : 0.0;
-  }
-};
-
-std::vector<ErrorSums> SumErrors(const Scene& scene,
-                                 const Reconstruction& reconstruction) {
-  const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
-  std::vector<ErrorSums> sums(scene.sensors.size());
-  for (const Point3D& point : reconstruction.points) {
-    for (const Observation& o : point.track) {
-      if (!views[o.image_idx].is_registered) continue;
-      const Image& image = scene.images[o.image_idx];
-      const double error_px = views[o.image_idx].ReprojectionError(
-          point.point_in_world,
-          image.keypoints_px[o.keypoint_idx].cast<double>());
-      if (!std::isfinite(error_px)) continue;
-      sums[image.sensor_idx].sum_px += error_px;
-      ++sums[image.sensor_idx].num_observations;
-    }
-  }
-  return sums;
-}
 
 bool HasFrameWithSeveralImages(const SoftRigRun& input) {
   const Scene& scene = input.scene;
@@ -85,15 +54,6 @@ bool HasFrameWithSeveralImages(const SoftRigRun& input) {
                                                                  image_idx);
                              }) > 1;
       });
-}
-
-std::vector<std::optional<Rigid3>> ImagePosesOf(const Scene& scene,
-                                                const Reconstruction& model) {
-  std::vector<std::optional<Rigid3>> cam_from_world;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    cam_from_world.push_back(model.CamFromWorld(scene, static_cast<int>(i)));
-  }
-  return cam_from_world;
 }
 
 SoftRigResult Unchanged(const SoftRigRun& input, SoftRigSummary summary) {
@@ -114,12 +74,10 @@ double EstimateNoisePx(const SoftRigRun& input, const SoftRigModel& model) {
 }
 
 // The initial sigmas would explain the reprojection errors of the rigid model.
-SoftRigState InitialState(const SoftRigRun& input,
-                          const BundleAdjustmentOptions& bundle_options) {
+SoftRigState InitialState(const SoftRigRun& input) {
   SoftRigState state{
       {input.initial,
        SeparateImages(input.initial, ImagePosesOf(input.scene, input.initial))},
-      RigCalibration(input.scene, input.options, bundle_options),
       {},
       {},
       {},
@@ -132,13 +90,12 @@ SoftRigState InitialState(const SoftRigRun& input,
         state.sigma_px / PixelsPerRadian(camera.model, camera.params.data());
     state.sigmas.push_back({angle, angle * distance});
   }
-  state.calibration.SetRig(state.model.rig);
-  state.expected = state.calibration.ExpectedPoses(input.initial);
+  state.expected = ExpectedPoses(input.scene, input.initial);
   return state;
 }
 
-SoftRigProblem BuildProblemOfRound(const SoftRigRun& input,
-                                   const SoftRigState& state) {
+BuiltProblem BuildProblemOfRound(const SoftRigRun& input,
+                                 const SoftRigState& state) {
   BundleAdjustmentOptions options = input.bundle_options;
   options.loss_scale_px = LossScalePx(options, state.sigma_px);
   return BuildSoftRigProblem(input.scene, input.separate, state.model,
@@ -149,14 +106,14 @@ SoftRigProblem BuildProblemOfRound(const SoftRigRun& input,
 // Returns false, with a message in the summary, if the solve fails.
 bool SolveImages(const SoftRigRun& input,
                  const std::vector<std::optional<Rigid3>>& expected,
-                 SoftRigProblem* soft, SoftRigModel* model,
+                 BuiltProblem* soft, SoftRigModel* model,
                  SoftRigSummary* summary) {
   RigSolverOptions options;
   options.backend = input.bundle_options.backend;
   options.max_num_iterations = input.bundle_options.max_num_iterations;
   options.function_tolerance = input.bundle_options.function_tolerance;
-  summary->solves.push_back(SolveRigProblem(soft->built.problem, options,
-                                            input.context, &soft->built.state));
+  summary->solves.push_back(
+      SolveRigProblem(soft->problem, options, input.context, &soft->state));
   const SolveSummary& solve = summary->solves.back();
   if (!solve.IsUsable()) {
     summary->message =
@@ -170,8 +127,8 @@ bool SolveImages(const SoftRigRun& input,
 // Lists the images in the problem for each sampled frame with several images.
 // Samples are evenly spaced per rig.
 std::vector<std::vector<int>> SampleFrames(const Scene& scene,
-                                           const SoftRigProblem& soft) {
-  const BuiltProblem& built = soft.built;
+                                           const BuiltProblem& soft) {
+  const BuiltProblem& built = soft;
   std::vector<std::vector<int>> images_of_frame(built.frame_idxs.size());
   for (size_t i = 0; i < soft.image_idxs.size(); ++i) {
     images_of_frame[built.problem.images[i].frame].push_back(
@@ -199,8 +156,8 @@ std::vector<std::vector<int>> SampleFrames(const Scene& scene,
 // nullopt if the covariances cannot be computed.
 std::optional<std::vector<FrameDeviations>> SampleDeviations(
     const SoftRigRun& input, const SoftRigState& state,
-    const SoftRigProblem& soft) {
-  const BuiltProblem& built = soft.built;
+    const BuiltProblem& soft) {
+  const BuiltProblem& built = soft;
   const std::vector<std::vector<int>> samples = SampleFrames(input.scene, soft);
   const auto covariances = ComputeSensorCovariances(built.problem, built.state,
                                                     samples, input.context);
@@ -249,10 +206,9 @@ bool UpdateHyperparameters(const SoftRigRun& input,
                            const std::vector<FrameDeviations>& deviations,
                            SoftRigState* state) {
   SoftRigModel& model = state->model;
-  state->calibration.SetRig(model.rig);
-  const double offset_change_s =
-      state->calibration.Update(deviations, state->sigmas, &model.rig);
-  state->expected = state->calibration.ExpectedPoses(model.rig);
+  UpdateExtrinsics(input.scene, deviations, state->sigmas, input.bundle_options,
+                   &model.rig);
+  state->expected = ExpectedPoses(input.scene, model.rig);
   std::vector<int> rig_of_sensor;
   for (const Sensor& sensor : input.scene.sensors) {
     rig_of_sensor.push_back(sensor.rig_idx);
@@ -262,18 +218,16 @@ bool UpdateHyperparameters(const SoftRigRun& input,
   const double change = ReplaceSigmas(std::move(updated),
                                       MedianPointDistance(input, model), state);
   state->sigma_px = EstimateNoisePx(input, model);
-  input.context.Debug(
-      Formatted("soft rig: %zu observations, noise %.3f px, standard "
-                "deviations change by %.1f %%, time offsets by %.3g s",
-                NumObservations(model.separate), state->sigma_px,
-                100.0 * change, offset_change_s));
-  return change <= input.options.sigma_tolerance &&
-         offset_change_s <= input.options.time_offset_tolerance_s;
+  input.context.Debug(Formatted(
+      "soft rig: %zu observations, noise %.3f px, standard "
+      "deviations change by %.1f %%",
+      NumObservations(model.separate), state->sigma_px, 100.0 * change));
+  return change <= input.options.sigma_tolerance;
 }
 
 bool RunRound(const SoftRigRun& input, SoftRigState* state,
               SoftRigSummary* summary) {
-  SoftRigProblem soft = BuildProblemOfRound(input, *state);
+  BuiltProblem soft = BuildProblemOfRound(input, *state);
   if (!SolveImages(input, state->expected, &soft, &state->model, summary)) {
     return false;
   }
@@ -330,7 +284,7 @@ bool FinishModel(const SoftRigRun& input, SoftRigState* state,
                         MaxErrorPx(input.bundle_options, state->sigma_px, 0),
                         input.context),
       num_threads, &model.separate);
-  SoftRigProblem soft = BuildProblemOfRound(input, *state);
+  BuiltProblem soft = BuildProblemOfRound(input, *state);
   if (!SolveImages(input, state->expected, &soft, &model, summary)) {
     return false;
   }
@@ -372,19 +326,6 @@ SoftRigSensor SummarizeSensor(const SoftRigRun& input,
   sensor.is_rigid =
       state.fractions[sensor_idx].rotation < kMinObservedFraction &&
       state.fractions[sensor_idx].position < kMinObservedFraction;
-  if (input.options.method == SoftRig::kTimeOffset &&
-      !input.scene.IsReference(sensor_idx)) {
-    const TimeOffset& offset = state.calibration.offsets()[sensor_idx];
-    if (offset.sigma_s) {
-      sensor.time_offset_s = offset.value_s;
-      sensor.time_offset_sigma_s = offset.sigma_s;
-    } else {
-      sensor.message =
-          "its time offset is not observable: the rig stands still, or moves "
-          "so uniformly that different extrinsics explain the images equally "
-          "well";
-    }
-  }
   SummarizeDeviations(input, state, &sensor);
   return sensor;
 }
@@ -427,7 +368,7 @@ SoftRigResult EstimateSoftRig(const SoftRigInput& model_input,
   }
   const int num_triangulations =
       input.candidates.groups ? kNumTriangulations : 0;
-  SoftRigState state = InitialState(input, bundle_options);
+  SoftRigState state = InitialState(input);
   for (int round = 0; round < options.max_num_rounds; ++round) {
     context.ReportProgress("soft rig", round, options.max_num_rounds);
     if (!RunRound(input, &state, &summary)) {

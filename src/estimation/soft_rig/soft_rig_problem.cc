@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "soft_rig/soft_rig_problem.h"
 
+#include <cmath>
 #include <utility>
 
+#include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "geometry/so3.h"
 
@@ -11,8 +13,8 @@ namespace {
 
 // Replaces the frames of separate images by the frames of the scene.
 void SetFrames(const Scene& scene, const Reconstruction& rig,
-               SoftRigProblem* soft) {
-  BuiltProblem& built = soft->built;
+               BuiltProblem* soft) {
+  BuiltProblem& built = *soft;
   built.frame_idxs.clear();
   built.state.frames.clear();
   built.problem.frame_masks.clear();
@@ -34,8 +36,8 @@ void SetFrames(const Scene& scene, const Reconstruction& rig,
 void SetSensors(const Scene& scene, const SoftRigModel& model,
                 const std::vector<std::optional<Rigid3>>& expected,
                 const std::vector<DeviationSigma>& sigmas, double sigma_px,
-                SoftRigProblem* soft) {
-  BuiltProblem& built = soft->built;
+                BuiltProblem* soft) {
+  BuiltProblem& built = *soft;
   built.sensor_idxs.clear();
   built.state.sensors.clear();
   built.problem.sensor_masks.clear();
@@ -57,34 +59,29 @@ void SetSensors(const Scene& scene, const SoftRigModel& model,
 
 }  // namespace
 
-SoftRigProblem BuildSoftRigProblem(const Scene& scene, const Scene& separate,
-                                   const SoftRigModel& model,
-                                   const DeviationPrior& deviations,
-                                   const BundleAdjustmentOptions& options,
-                                   const BundlePriors& priors) {
-  SoftRigProblem soft;
-  soft.built = BuildProblem(separate, model.separate, options,
-                            RefinedParts::kAll, priors);
-  // In the scene of separate images, frames and images have the same indices.
-  for (const RigProblemBase::Image& image : soft.built.problem.images) {
-    soft.image_idxs.push_back(soft.built.frame_idxs[image.frame]);
-  }
+BuiltProblem BuildSoftRigProblem(const Scene& scene, const Scene& separate,
+                                 const SoftRigModel& model,
+                                 const DeviationPrior& deviations,
+                                 const BundleAdjustmentOptions& options,
+                                 const BundlePriors& priors) {
+  BuiltProblem soft = BuildProblem(separate, model.separate, options,
+                                   RefinedParts::kAll, priors);
   SetFrames(scene, model.rig, &soft);
   SetSensors(scene, model, deviations.expected, deviations.sigmas,
              deviations.sigma_px, &soft);
-  if (soft.built.problem.position_priors.empty()) {
-    FixGaugeAndScale(soft.built.state, &soft.built.problem);
+  if (soft.problem.position_priors.empty()) {
+    FixGaugeAndScale(soft.state, &soft.problem);
   }
   return soft;
 }
 
-void WriteBack(const SoftRigProblem& soft, const Scene& scene,
+void WriteBack(const BuiltProblem& soft, const Scene& scene,
                const std::vector<std::optional<Rigid3>>& expected,
                SoftRigModel* model) {
-  const BundleState& state = soft.built.state;
-  for (size_t i = 0; i < soft.built.frame_idxs.size(); ++i) {
+  const BundleState& state = soft.state;
+  for (size_t i = 0; i < soft.frame_idxs.size(); ++i) {
     const FramePose& pose = state.frames[i];
-    model->rig.rig_from_world[soft.built.frame_idxs[i]] =
+    model->rig.rig_from_world[soft.frame_idxs[i]] =
         Rigid3::FromRotationAndCenter(pose.rig_from_world, pose.center);
   }
   std::vector<std::optional<Rigid3>> sensor_of_image = expected;
@@ -99,8 +96,8 @@ void WriteBack(const SoftRigProblem& soft, const Scene& scene,
   BuiltProblem points_and_cameras;
   points_and_cameras.state.points = state.points;
   points_and_cameras.state.cameras = state.cameras;
-  points_and_cameras.point_idxs = soft.built.point_idxs;
-  points_and_cameras.camera_idxs = soft.built.camera_idxs;
+  points_and_cameras.point_idxs = soft.point_idxs;
+  points_and_cameras.camera_idxs = soft.camera_idxs;
   WriteBack(points_and_cameras, &model->separate);
   model->rig.cameras = model->separate.cameras;
 }
@@ -110,6 +107,34 @@ PoseVector DeviationOf(const Rigid3& pose, const Rigid3& expected) {
   deviation.head<3>() = LogSO3(pose.rotation * expected.rotation.conjugate());
   deviation.tail<3>() = pose.translation - expected.translation;
   return deviation;
+}
+
+std::vector<ErrorSums> SumErrors(const Scene& scene,
+                                 const Reconstruction& reconstruction) {
+  const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
+  std::vector<ErrorSums> sums(scene.sensors.size());
+  for (const Point3D& point : reconstruction.points) {
+    for (const Observation& o : point.track) {
+      if (!views[o.image_idx].is_registered) continue;
+      const Image& image = scene.images[o.image_idx];
+      const double error_px = views[o.image_idx].ReprojectionError(
+          point.point_in_world,
+          image.keypoints_px[o.keypoint_idx].cast<double>());
+      if (!std::isfinite(error_px)) continue;
+      sums[image.sensor_idx].sum_px += error_px;
+      ++sums[image.sensor_idx].num_observations;
+    }
+  }
+  return sums;
+}
+
+std::vector<std::optional<Rigid3>> ImagePosesOf(const Scene& scene,
+                                                const Reconstruction& model) {
+  std::vector<std::optional<Rigid3>> cam_from_world;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    cam_from_world.push_back(model.CamFromWorld(scene, static_cast<int>(i)));
+  }
+  return cam_from_world;
 }
 
 }  // namespace mgsfm

@@ -25,34 +25,49 @@ struct SoftRigModel {
   Reconstruction separate;  // of SeparateImages(scene)
 };
 
-// Problem (1) of soft_rig.h as a rig problem in which every image is a sensor
-// with a prior at its expected pose. The images of a frame therefore move with
-// it even if the priors are tight.
-struct SoftRigProblem {
-  BuiltProblem built;           // frame_idxs are those of the scene
-  std::vector<int> image_idxs;  // per image and per sensor of the problem
-};
-
-// `expected` is S_s D_i per image, nullopt for unregistered images; `sigmas`
+// `expected` is S_s per image, nullopt for unregistered images; `sigmas`
 // are per sensor of the scene.
 struct DeviationPrior {
   const std::vector<std::optional<Rigid3>>& expected;
   const std::vector<DeviationSigma>& sigmas;
   double sigma_px = 1.0;
 };
-SoftRigProblem BuildSoftRigProblem(const Scene& scene, const Scene& separate,
-                                   const SoftRigModel& model,
-                                   const DeviationPrior& deviations,
-                                   const BundleAdjustmentOptions& options,
-                                   const BundlePriors& priors);
+
+// Problem (1) of soft_rig.h as a rig problem in which every image is a sensor
+// with a prior at its expected pose. The images of a frame therefore move with
+// it even if the priors are tight. Frames are those of the scene.
+BuiltProblem BuildSoftRigProblem(const Scene& scene, const Scene& separate,
+                                 const SoftRigModel& model,
+                                 const DeviationPrior& deviations,
+                                 const BundleAdjustmentOptions& options,
+                                 const BundlePriors& priors);
 
 // Writes back frames, images, points and cameras. Images that are not in the
 // problem get their expected pose.
-void WriteBack(const SoftRigProblem& soft, const Scene& scene,
+void WriteBack(const BuiltProblem& soft, const Scene& scene,
                const std::vector<std::optional<Rigid3>>& expected,
                SoftRigModel* model);
 
 // The deviation (w, d) of `pose` from `expected`, see soft_rig.h.
 PoseVector DeviationOf(const Rigid3& pose, const Rigid3& expected);
+
+// The sum of reprojection errors over the images of a sensor.
+struct ErrorSums {
+  double sum_px = 0.0;
+  size_t num_observations = 0;
+
+  double Mean() const {
+    return num_observations > 0 ? sum_px / static_cast<double>(num_observations)
+                                : 0.0;
+  }
+};
+
+// Per sensor.
+std::vector<ErrorSums> SumErrors(const Scene& scene,
+                                 const Reconstruction& reconstruction);
+
+// The pose of each image; nullopt if it is not registered.
+std::vector<std::optional<Rigid3>> ImagePosesOf(const Scene& scene,
+                                                const Reconstruction& model);
 
 }  // namespace mgsfm

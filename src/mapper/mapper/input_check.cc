@@ -338,12 +338,10 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
     causes = CheckTrustedFocalLengths(scene, pairs.matches(), context);
   }
   for (const MapperModel& model : result->models) {
-    if (!model.delays || !model.delays->AreCertain()) continue;
-    if (options.soft_rig.method != SoftRig::kTimeOffset) {
-      Append(DescribeDelays(scene, *model.delays), &causes);
-    }
-    RemoveDelays(scene, *model.delays, &samples);
-    break;
+    const bool is_late = model.delays && model.delays->AreCertain();
+    if (is_late) Append(DescribeDelays(scene, *model.delays), &causes);
+    RemoveMotions(scene, is_late ? model.delays->delayed : model.reconstruction,
+                  &samples);
   }
   Append(FindRigMoves(scene, samples), &causes);
   const std::vector<KeptCount> kept_between =

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -24,6 +25,7 @@
 #include "mapper/stage.h"
 #include "mgsfm/base/mask.h"
 #include "soft_rig/rig_delays.h"
+#include "soft_rig/rig_timing.h"
 
 namespace mgsfm {
 
@@ -215,34 +217,55 @@ CandidateSource MakeObservedSource(const AdjustmentInput& input,
           source.matches};
 }
 
-// Timestamps if all images have one; otherwise the order of the frames.
-FrameTimes TimesOfFrames(const Scene& scene) {
+// Timestamps if all images have one, otherwise the order of the frames. Without
+// `of_images`, images are taken at the time of their frame.
+CaptureTimes FindCaptureTimes(const Scene& scene, bool of_images) {
   const std::vector<int> rank = RankFrames(scene);
-  FrameTimes times{{rank.begin(), rank.end()}, false};
+  CaptureTimes times{{rank.begin(), rank.end()}, {}, false};
   times.are_seconds =
       std::all_of(scene.images.begin(), scene.images.end(),
                   [](const Image& i) { return i.timestamp_s.has_value(); });
   for (size_t f = 0; f < rank.size() && times.are_seconds; ++f) {
-    times.times[f] = TimeOfFrame(scene, static_cast<int>(f));
+    times.frames[f] = TimeOfFrame(scene, static_cast<int>(f));
+  }
+  for (const Image& image : scene.images) {
+    times.images.push_back(times.are_seconds && of_images
+                               ? *image.timestamp_s
+                               : times.frames[image.frame_idx]);
   }
   return times;
 }
 
+// Adds the estimated delays of cameras to the times of their images.
+void AddOffsets(const Scene& scene, const SoftRigSummary& timing,
+                CaptureTimes* times) {
+  std::vector<double> offsets_s(scene.sensors.size(), 0.0);
+  for (const SoftRigSensor& sensor : timing.sensors) {
+    offsets_s[sensor.sensor_idx] = sensor.time_offset_s.value_or(0.0);
+  }
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    times->images[i] += offsets_s[scene.images[i].sensor_idx];
+  }
+}
+
+// Delays relative to the times that the model uses.
 std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
                                         const MapperOptions& options,
                                         const Context& context,
-                                        const Reconstruction& model) {
-  const auto candidates = [&](const Scene& separate) {
-    return MakeCandidateSource(separate, input.view_graph, input.matches,
-                               input.pair_is_used, options, context);
-  };
-  RigMeasurements measured{TimesOfFrames(input.scene), {}};
+                                        const Reconstruction& model,
+                                        const SoftRigSummary* timing) {
+  RigMeasurements measured{
+      FindCaptureTimes(input.scene, !model.motions.empty()), {}};
+  if (timing) AddOffsets(input.scene, *timing, &measured.times);
   if (const auto baseline =
           ParseMetricScale(options.metric_scale, input.scene)) {
     measured.known_distances = baseline->sensor_idxs;
   }
-  return EstimateRigDelays(input.scene, measured, candidates, model,
-                           options.bundle_adjustment, context);
+  return EstimateRigDelays(
+      input.scene, measured,
+      MakeCandidateSource(input.scene, input.view_graph, input.matches,
+                          input.pair_is_used, options, context),
+      model, options.bundle_adjustment, context);
 }
 
 // Bundle adjustment. Drops the rig from `priors` if the observations of the
@@ -269,7 +292,8 @@ void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
         refine("bundle adjustment without prior", bundle.estimate);
     model->rig_differences = input.calibration->FindDifferences(
         released.estimate, *priors, options.bundle_adjustment, context, [&] {
-          return EstimateDelays(input, options, context, released.estimate);
+          return EstimateDelays(input, options, context, released.estimate,
+                                nullptr);
         });
     if (model->rig_differences.empty()) {
       priors->calibration.sensors = prior;
@@ -306,18 +330,22 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
 
 void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
                const Context& context) {
-  const std::string text = Formatted(
-      "': deviations of images: rms %.4g deg and %.4g, max %.4g deg "
-      "and %.4g%s; "
-      "reprojection errors %.3f px, before %.3f px",
-      RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
-      RadToDeg(sensor.max_rotation_rad), sensor.max_position,
-      sensor.is_rigid ? " (rigid)" : "", sensor.mean_error_after_px,
-      sensor.mean_error_before_px);
-  std::string line = "camera '" + scene.sensors[sensor.sensor_idx].name + text;
+  std::string line = "camera '" + scene.sensors[sensor.sensor_idx].name + "':";
+  if (!sensor.is_rigid) {
+    line += Formatted(
+        " deviations of images: rms %.4g deg and %.4g, max %.4g deg and %.4g;",
+        RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
+        RadToDeg(sensor.max_rotation_rad), sensor.max_position);
+  }
+  line += Formatted(" reprojection errors %.3f px, before %.3f px",
+                    sensor.mean_error_after_px, sensor.mean_error_before_px);
   if (sensor.time_offset_s) {
     line += Formatted("; time offset %.6f s +- %.6f s", *sensor.time_offset_s,
                       *sensor.time_offset_sigma_s);
+  }
+  if (sensor.readout_s) {
+    line += Formatted("; readout time %.6f s +- %.6f s", *sensor.readout_s,
+                      *sensor.readout_sigma_s);
   }
   context.Info(line);
   if (!sensor.message.empty()) {
@@ -326,21 +354,28 @@ void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
   }
 }
 
-// Estimates individual poses for the images of an adjusted model, and logs how
-// far the cameras deviate from a rigid rig.
-void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
-                            const MapperOptions& options,
-                            const Context& context, MapperModel* model) {
-  const Scene& scene = input.scene;
-  const RunningStage stage("soft rig", context);
-  const Scene separate = SeparateImages(scene);
-  priors.calibration.sensors.clear();  // each image is a sensor
-  SoftRigResult result = EstimateSoftRig(
-      {scene, separate,
-       MakeCandidateSource(separate, input.view_graph, input.matches,
-                           input.pair_is_used, options, context),
-       model->reconstruction, priors},
-      options.soft_rig, options.bundle_adjustment, context);
+// Bundle adjustment at the times of images and rows.
+SoftRigResult AdjustTimes(const AdjustmentInput& input, BundlePriors priors,
+                          const MapperOptions& options, const Context& context,
+                          const MapperModel& model) {
+  const CaptureTimes times = FindCaptureTimes(input.scene, true);
+  const std::function<CandidateSource(const Scene&)> candidates =
+      [&](const Scene& seen) {
+        return MakeCandidateSource(seen, input.view_graph, input.matches,
+                                   input.pair_is_used, options, context);
+      };
+  return EstimateRigTiming({input.scene,
+                            times,
+                            candidates,
+                            model.reconstruction,
+                            {std::move(priors), input.held}},
+                           options.soft_rig, options.bundle_adjustment,
+                           context);
+}
+
+void KeepImagePoses(const Scene& scene, const MapperOptions& options,
+                    SoftRigResult result, const Context& context,
+                    MapperModel* model) {
   const SoftRigSummary& summary = result.images.summary;
   for (const SoftRigSensor& sensor : summary.sensors) {
     LogSensor(scene, sensor, context);
@@ -349,11 +384,70 @@ void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
     context.Warning("images keep the poses of their rig: " + summary.message);
   } else if (!summary.has_converged) {
     context.Warning(
-        "the deviations of images from their rig have not converged after " +
+        "the times or deviations of images have not converged after " +
         std::to_string(options.soft_rig.max_num_rounds) + " rounds");
   }
   model->reconstruction = std::move(result.estimate);
   model->soft_rig_images = std::move(result.images);
+}
+
+// Adjusts images at their own times if that explains more of their keypoints.
+void UseImageTimes(const AdjustmentInput& input, const BundlePriors& priors,
+                   const MapperOptions& options, const Context& context,
+                   MapperModel* model) {
+  SoftRigResult timed = AdjustTimes(input, priors, options, context, *model);
+  const bool explains_more =
+      timed.images.summary.is_usable &&
+      ExplainsMore(input.scene, timed.estimate, model->reconstruction,
+                   options.bundle_adjustment, context);
+  context.Info(explains_more
+                   ? "images are adjusted at their own times, which explain "
+                     "more keypoints than the times of their frames"
+                   : "images are adjusted at the times of their frames, which "
+                     "explain more keypoints than their own times");
+  if (!explains_more) return;
+  KeepImagePoses(input.scene, options, std::move(timed), context, model);
+}
+
+// Adjusts images at their times, or estimates these. Logs the times.
+void AdjustModelTimes(const AdjustmentInput& input, const BundlePriors& priors,
+                      const MapperOptions& options, const Context& context,
+                      MapperModel* model) {
+  const SoftRig method = options.soft_rig.method;
+  if (method == SoftRig::kNone || method == SoftRig::kSoft) return;
+  if (method == SoftRig::kAuto &&
+      !ImagesDifferInTime(input.scene, FindCaptureTimes(input.scene, true))) {
+    return;
+  }
+  const RunningStage stage("times of images", context);
+  if (method == SoftRig::kAuto) {
+    UseImageTimes(input, priors, options, context, model);
+  } else {
+    KeepImagePoses(input.scene, options,
+                   AdjustTimes(input, priors, options, context, *model),
+                   context, model);
+  }
+  stage.Finish(&model->times);
+}
+
+// Estimates individual poses of the images of an adjusted model, and logs how
+// far the cameras deviate from a rigid rig.
+void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
+                            const MapperOptions& options,
+                            const Context& context, MapperModel* model) {
+  if (options.soft_rig.method != SoftRig::kSoft) return;
+  const RunningStage stage("soft rig", context);
+  const Scene separate = SeparateImages(input.scene);
+  priors.calibration.sensors.clear();  // each image is a sensor
+  KeepImagePoses(
+      input.scene, options,
+      EstimateSoftRig(
+          {input.scene, separate,
+           MakeCandidateSource(separate, input.view_graph, input.matches,
+                               input.pair_is_used, options, context),
+           model->reconstruction, std::move(priors)},
+          options.soft_rig, options.bundle_adjustment, context),
+      context, model);
   stage.Finish(&model->times);
 }
 
@@ -389,15 +483,15 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   if (options.is_for_lenses) return;
   PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
+  AdjustModelTimes(input, used_priors, options, context, model);
   const RunningStage stage("delays of cameras", context);
-  model->delays =
-      EstimateDelays(input, options, context, model->reconstruction);
+  model->delays = EstimateDelays(
+      input, options, context, model->reconstruction,
+      model->soft_rig_images ? &model->soft_rig_images->summary : nullptr);
   stage.Finish(&model->times);
   AddCovariances(input, used_priors, options, context, model);
-  if (options.soft_rig.method != SoftRig::kNone) {
-    EstimateSoftRigOfModel(input, std::move(used_priors), options, context,
-                           model);
-  }
+  EstimateSoftRigOfModel(input, std::move(used_priors), options, context,
+                         model);
 }
 
 void PassOn(const MapperModel& model, const PositionPriors& positions,

@@ -330,9 +330,17 @@ bool Detector::Project(const Exposure& exposure,
                        const Eigen::Vector3d& point_in_world,
                        Eigen::Vector2d* pixel) const {
   const SimulatedCamera& camera = rig_[exposure.camera];
-  const auto projected =
-      ProjectToPixel(camera.model, camera.params.data(),
-                     exposure.cam_from_world * point_in_world);
+  const auto project = [&](const Rigid3& cam_from_world) {
+    return ProjectToPixel(camera.model, camera.params.data(),
+                          cam_from_world * point_in_world);
+  };
+  auto projected = project(exposure.cam_from_world);
+  // The row depends on the pose at its time. Each repetition is more accurate
+  // by the ratio of the motion in a readout time to the height of the image.
+  for (int i = 0; i < 4 && projected && exposure.of_rows; ++i) {
+    projected =
+        project(exposure.of_rows->PoseAt(projected->y() / camera.height_px));
+  }
   if (!projected || projected->x() < 0 || projected->y() < 0 ||
       projected->x() >= camera.width_px || projected->y() >= camera.height_px) {
     return false;

@@ -90,6 +90,9 @@ struct Exposure {
   int frame;   // index in the drive
   double time_s;
   Rigid3 cam_from_world;
+  // The poses of the camera at the times of its rows, with the height of a row
+  // as time, from 0 to 1; nullopt if all rows are simultaneous.
+  std::optional<Drive> of_rows = std::nullopt;
 
   // Identifies an image independently of the presence of other images.
   uint64_t Key() const { return static_cast<uint64_t>(frame) * 64 + camera; }

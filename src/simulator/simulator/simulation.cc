@@ -195,6 +195,16 @@ Exposure Simulator::Expose(int camera, int frame) const {
     rig_from_world = drive_.PoseAt(exposure.time_s);
   }
   exposure.cam_from_world = rig_[camera].sensor_from_rig * rig_from_world;
+  if (options_.readout_ms > 0.0) {
+    const double half_s = 0.5e-3 * options_.readout_ms;
+    const auto pose_at = [&](double time_s) {
+      return rig_[camera].sensor_from_rig * drive_.PoseAt(time_s);
+    };
+    exposure.of_rows.emplace();
+    exposure.of_rows->rig_from_world = {pose_at(exposure.time_s - half_s),
+                                        pose_at(exposure.time_s + half_s)};
+    exposure.of_rows->times_s = {0.0, 1.0};
+  }
   return exposure;
 }
 

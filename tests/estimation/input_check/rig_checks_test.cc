@@ -117,18 +117,22 @@ TEST(RigChecksTest, DelaysAreNoMoves) {
   RigDelays delays;
   delays.delayed = drive.ground_truth;
   delays.cameras = {{1, 0.3, 0.01, true}};
-  delays.angular_velocities.assign(drive.scene.frames.size(), Vector3d::Zero());
+  delays.delayed.motions.resize(drive.scene.images.size());
   std::vector<SensorPairSamples> samples = SamplesOf(drive);
   const Quaterniond& a = drive.ground_truth.sensor_from_rig[0]->rotation;
   for (RigSample& sample : samples[0].samples) {
     const bool turns = sample.frame_idx >= 20;
     const Vector3d velocity(0.0, turns ? DegToRad(10.0) : 0.0, 0.0);
-    delays.angular_velocities[sample.frame_idx] = velocity;
+    for (const int image_idx :
+         drive.scene.frames[sample.frame_idx].image_idxs) {
+      if (drive.scene.images[image_idx].sensor_idx != 1) continue;
+      delays.delayed.motions[image_idx].rotation = ExpSO3(0.3 * velocity);
+    }
     sample.b_from_a = sample.b_from_a * ExpSO3(a * (0.3 * velocity));
   }
   EXPECT_THAT(CausesOf(FindRigMoves(drive.scene, samples)),
               ElementsAre(Cause::kRigMoved));
-  RemoveDelays(drive.scene, delays, &samples);
+  RemoveMotions(drive.scene, delays.delayed, &samples);
   EXPECT_THAT(FindRigMoves(drive.scene, samples), IsEmpty());
   const std::vector<Finding> findings = DescribeDelays(drive.scene, delays);
   ASSERT_THAT(CausesOf(findings), ElementsAre(Cause::kUnsynchronized));

@@ -47,7 +47,8 @@ inline Eigen::VectorXd BaselineTermResidual(const RigProblemBase& problem,
                                             const BaselineTerm& term) {
   const auto center = [&](int image_idx) -> Eigen::Vector3d {
     const RigProblemBase::Image& image = problem.images[image_idx];
-    const FramePose& frame = state.frames[image.frame];
+    const FramePose frame =
+        Move(state.frames[image.frame], problem.MotionOf(image_idx));
     return frame.center + frame.rig_from_world.conjugate() *
                               state.sensors[image.sensor].Center();
   };
@@ -106,7 +107,8 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
   }
   for (const PositionPrior& prior : problem.position_priors) {
     const RigProblemBase::Image& image = problem.images[prior.image];
-    const FramePose& frame = state.frames[image.frame];
+    const FramePose frame =
+        Move(state.frames[image.frame], problem.MotionOf(prior.image));
     const Rigid3 cam_from_world =
         state.sensors[image.sensor] *
         Rigid3::FromRotationAndCenter(frame.rig_from_world, frame.center);
@@ -118,6 +120,7 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
     const RigProblemBase::Image& image = problem.images[prior.image];
     const Eigen::Quaterniond cam_from_world =
         state.sensors[image.sensor].rotation *
+        problem.MotionOf(prior.image).rotation *
         state.frames[image.frame].rig_from_world;
     groups.push_back(
         {(cam_from_world * prior.down - prior.direction) / prior.sigma_rad,

@@ -331,6 +331,21 @@ TEST(RigEquationsTest, PriorsOnPosesSolveTheFullEquations) {
   }
 }
 
+TEST(RigEquationsTest, ImagesThatMoveSolveTheFullEquations) {
+  for (const Freedom& freedom : AllFreedoms()) {
+    SCOPED_TRACE(freedom.label);
+    const std::vector<TestCamera> cameras(2, PerspectiveTestCameras()[0]);
+    RigSceneOptions options = SmallScene(cameras, freedom);
+    options.images_move = true;
+    RigScene<PixelObservation> scene = MakePixelScene(options);
+    AddPosePriorsNearby(0.1, &scene);
+    RigState state = scene.truth;
+    Random random(7);
+    Perturb(scene.problem, 2e-3, &random, &state);
+    ExpectStepOfDenseEquations<PixelResidual>(scene.problem, state);
+  }
+}
+
 // The problem (with its state) whose points are the parts of the points of a
 // structure.
 RigScene<PixelObservation> SceneOfParts(const RigScene<PixelObservation>& scene,

@@ -29,6 +29,7 @@ struct RigSceneOptions {
   bool sensors_are_free = true;  // except the first
   bool params_are_free = false;
   bool points_are_free = true;
+  bool images_move = false;  // since the times of their frames
   double noise_px = 0.0;
   uint64_t seed = 1;
 };
@@ -62,7 +63,8 @@ inline Eigen::Vector3d PointInCamera(const RigProblemBase& problem,
                                      const RigState& state, int image_idx,
                                      const Eigen::Vector3d& point) {
   const RigProblemBase::Image& image = problem.images[image_idx];
-  const FramePose& frame = state.frames[image.frame];
+  const FramePose frame =
+      Move(state.frames[image.frame], problem.MotionOf(image_idx));
   return state.sensors[image.sensor] *
          (frame.rig_from_world * (point - frame.center));
 }
@@ -91,6 +93,9 @@ inline void AddPosesAndImages(const RigSceneOptions& options, Random* random,
     problem->sensor_masks.push_back(MakeMask(turns && is_free, is_free));
     for (int f = 0; f < options.num_frames; ++f) {
       problem->images.push_back({f, static_cast<int>(s), static_cast<int>(s)});
+      if (!options.images_move) continue;
+      problem->motions.push_back(
+          {ExpSO3(RandomVector(0.05, random)), RandomVector(0.1, random)});
     }
     const TestCamera& camera = options.cameras[s];
     CameraParams params{};

@@ -129,11 +129,15 @@ TEST(RigSolverTest, OptimumWithPriorsOnPosesIsThatOfCeres) {
   RigSolverOptions ceres = Tight(), iterative = Tight();
   ceres.backend = SolverBackend::kCeres;
   iterative.reduced_solver = ReducedSolver::kIterative;
-  RigScene<PixelObservation> scene = MakePixelScene(
-      NoisyScene({PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}));
-  AddPosePriorsNearby(0.05, &scene);
-  ExpectSameOptimum(scene, Tight(), ceres);
-  ExpectSameOptimum(scene, iterative, Tight());
+  RigSceneOptions options =
+      NoisyScene({PerspectiveTestCameras()[0], FisheyeTestCameras()[0]});
+  for (const bool images_move : {false, true}) {
+    options.images_move = images_move;
+    RigScene<PixelObservation> scene = MakePixelScene(options);
+    AddPosePriorsNearby(0.05, &scene);
+    ExpectSameOptimum(scene, Tight(), ceres);
+    ExpectSameOptimum(scene, iterative, Tight());
+  }
 }
 
 TEST(RigSolverTest, OptimumOfRaysAndBaselinesIsThatOfCeres) {

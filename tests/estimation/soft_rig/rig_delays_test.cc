@@ -16,34 +16,16 @@
 namespace mgsfm {
 namespace {
 
-FrameTimes TimesOf(const Scene& scene) {
-  FrameTimes times{{}, true};
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
-    times.times.push_back(TimeOfFrame(scene, static_cast<int>(f)));
-  }
-  return times;
-}
-
 RigDelays EstimateOf(
     const Simulation& drive, const Reconstruction& rigid,
-    const FrameTimes& times,
+    const CaptureTimes& times,
     const std::vector<std::pair<int, int>>& known_distances = {}) {
-  const auto candidates = [&](const Scene&) {
-    return FixedCandidates(GroupTracks(drive.ground_truth));
-  };
   const auto delays =
-      EstimateRigDelays(drive.scene, {times, known_distances}, candidates,
-                        rigid, BundleAdjustmentOptions(), Threads(2));
+      EstimateRigDelays(drive.scene, {times, known_distances},
+                        FixedCandidates(GroupTracks(drive.ground_truth)), rigid,
+                        BundleAdjustmentOptions(), Threads(2));
   EXPECT_TRUE(delays.has_value());
   return *delays;
-}
-
-Reconstruction AdjustRigid(const Simulation& drive) {
-  return RefineReconstruction(
-             drive.scene, FixedCandidates(GroupTracks(drive.ground_truth)),
-             Perturbed(drive.scene, drive.ground_truth, 0.01, 3),
-             BundleAdjustmentOptions(), Threads(2))
-      .estimate;
 }
 
 TEST(RigDelaysTest, DelayIsFoundWithItsUncertainty) {
@@ -67,9 +49,10 @@ TEST(RigDelaysTest, UnitOfTimeDoesNotMatter) {
   options.trigger_offset_ms = 20.0;
   const Simulation drive = Simulate(options, WindingPath(30));
   const Reconstruction rigid = AdjustRigid(drive);
-  FrameTimes times = TimesOf(drive.scene);
+  CaptureTimes times = TimesOf(drive.scene);
   const RigDelays in_seconds = EstimateOf(drive, rigid, times);
-  for (double& time : times.times) time *= 2.0;
+  for (double& time : times.frames) time *= 2.0;
+  for (double& time : times.images) time *= 2.0;
   const RigDelays in_halves = EstimateOf(drive, rigid, times);
   const CameraDelay& a = in_seconds.cameras[0];
   const CameraDelay& b = in_halves.cameras[0];
@@ -211,7 +194,7 @@ TEST(RigDelaysTest, UnitOfKnownDistanceIsWithinItsDeviation) {
     metric.scale = drive.ground_truth.sensor_from_rig[1]->translation.norm() /
                    rigid.sensor_from_rig[1]->translation.norm();
     TransformWorld(metric, &rigid);
-    const FrameTimes times = TimesOf(drive.scene);
+    const CaptureTimes times = TimesOf(drive.scene);
     EXPECT_FALSE(EstimateOf(drive, rigid, times).unit.has_value());
     const RigDelays delays = EstimateOf(drive, rigid, times, {{0, 1}});
     EXPECT_LT(ErrorOfUnit(drive, rigid, delays), 3.0);

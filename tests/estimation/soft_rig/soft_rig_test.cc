@@ -22,7 +22,6 @@ struct SoftRigDrive {
 
 SoftRigDrive EstimateSoftRigOfImages(const SimulationOptions& simulated,
                                      const std::vector<Rigid3>& path,
-                                     SoftRig method = SoftRig::kSoft,
                                      int num_threads = 2) {
   SoftRigDrive drive{Simulate(simulated, path), {}, {}};
   const Scene& scene = drive.simulation.scene;
@@ -35,7 +34,7 @@ SoftRigDrive EstimateSoftRigOfImages(const SimulationOptions& simulated,
                     bundle_options, Threads(num_threads))
                     .estimate;
   SoftRigOptions options;
-  options.method = method;
+  options.method = SoftRig::kSoft;
   drive.soft =
       EstimateSoftRig({scene, SeparateImages(scene), candidates, drive.rigid},
                       options, bundle_options, Threads(num_threads));
@@ -173,57 +172,12 @@ TEST(SoftRigTest, ImagesWithFewObservationsStayAtTheRig) {
             2.0 * sensor.sigma_rotation_rad);
 }
 
-TEST(SoftRigTest, TimeOffsetIsFound) {
-  for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
-    SimulationOptions options = DriveOptions(rig);
-    options.trigger_offset_ms = 30.0;
-    const SoftRigDrive drive = EstimateSoftRigOfImages(
-        options, WindingPath(rig == RigPreset::kStereo ? 40 : 20),
-        SoftRig::kTimeOffset);
-    const SoftRigSummary& summary = drive.soft.images.summary;
-    ASSERT_TRUE(summary.is_usable) << summary.message;
-    for (const SoftRigSensor& sensor : summary.sensors) {
-      if (drive.simulation.scene.IsReference(sensor.sensor_idx)) {
-        EXPECT_FALSE(sensor.time_offset_s.has_value());
-        EXPECT_EQ(sensor.message, "");
-        continue;
-      }
-      ASSERT_TRUE(sensor.time_offset_s.has_value()) << sensor.message;
-      EXPECT_LT(*sensor.time_offset_sigma_s, 0.002);
-      EXPECT_NEAR(*sensor.time_offset_s, 0.030,
-                  4.0 * *sensor.time_offset_sigma_s);
-    }
-    const Evaluation before = CompareRigid(drive);
-    const Evaluation after =
-        Compare(drive.simulation, drive.soft.images.cam_from_world);
-    EXPECT_LT(after.position_m->mean, 0.5 * before.position_m->mean);
-  }
-}
-
-TEST(SoftRigTest, StandingRigHasNoObservableTimeOffset) {
-  SimulationOptions options = DriveOptions(RigPreset::kStereo);
-  options.trigger_offset_ms = 30.0;
-  options.frame_step = 1;
-  options.frame_rate_hz = kFrameRate;
-  options.path = PathPreset::kStanding;
-  options.num_frames = 20;
-  const SoftRigDrive standing =
-      EstimateSoftRigOfImages(options, {}, SoftRig::kTimeOffset);
-  ASSERT_TRUE(standing.soft.images.summary.is_usable);
-  for (const SoftRigSensor& sensor : standing.soft.images.summary.sensors) {
-    EXPECT_FALSE(sensor.time_offset_s.has_value());
-    EXPECT_EQ(standing.simulation.scene.IsReference(sensor.sensor_idx),
-              sensor.message.empty());
-  }
-}
-
 TEST(SoftRigTest, ThreadsDoNotChangeAnything) {
   SimulationOptions options = DriveOptions(RigPreset::kStereo);
   options.trigger_jitter_ms = 20.0;
-  const SoftRigDrive one =
-      EstimateSoftRigOfImages(options, WindingPath(15), SoftRig::kSoft, 1);
+  const SoftRigDrive one = EstimateSoftRigOfImages(options, WindingPath(15), 1);
   const SoftRigDrive three =
-      EstimateSoftRigOfImages(options, WindingPath(15), SoftRig::kSoft, 3);
+      EstimateSoftRigOfImages(options, WindingPath(15), 3);
   for (size_t i = 0; i < one.soft.images.cam_from_world.size(); ++i) {
     const Rigid3& a = *one.soft.images.cam_from_world[i];
     const Rigid3& b = *three.soft.images.cam_from_world[i];

@@ -4,9 +4,11 @@
 #include <cmath>
 #include <vector>
 
+#include "estimation/bundle_adjustment/bundle_fixtures.h"
 #include "geometry/so3.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/simulator/simulation.h"
+#include "soft_rig/rig_trajectory.h"
 
 namespace mgsfm {
 
@@ -40,6 +42,26 @@ inline SimulationOptions DriveOptions(RigPreset rig) {
   options.max_num_features_per_image = 250;
   options.pixel_noise_px = 0.4;
   return options;
+}
+
+// The times of images and their frames, on one clock.
+inline CaptureTimes TimesOf(const Scene& scene) {
+  CaptureTimes times{{}, {}, true};
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    times.frames.push_back(TimeOfFrame(scene, static_cast<int>(f)));
+  }
+  for (const Image& image : scene.images) {
+    times.images.push_back(*image.timestamp_s);
+  }
+  return times;
+}
+
+inline Reconstruction AdjustRigid(const Simulation& drive) {
+  return RefineReconstruction(
+             drive.scene, FixedCandidates(GroupTracks(drive.ground_truth)),
+             Perturbed(drive.scene, drive.ground_truth, 0.01, 3),
+             BundleAdjustmentOptions(), Threads(2))
+      .estimate;
 }
 
 }  // namespace mgsfm
