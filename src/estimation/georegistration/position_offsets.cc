@@ -186,6 +186,7 @@ class OffsetFit {
     Normal normal = Normal::Zero();
     Unknowns right = Unknowns::Zero();
   };
+
   Rows RowsOf(const Sample& sample) const {
     const Vector3d arm = sample.point - mean_;
     Rows rows;
@@ -256,7 +257,7 @@ std::optional<ClockOffset> ClockOf(const std::optional<Estimate>& estimate) {
 // From the estimates along the columns of `basis` from `first` on.
 std::optional<LeverOffset> LeverOf(const std::optional<Estimate>& estimate,
                                    const Basis& basis, Eigen::Index first) {
-  if (!estimate) return std::nullopt;
+  if (!estimate || first == basis.cols()) return std::nullopt;
   LeverOffset lever;
   for (Eigen::Index k = first; k < basis.cols(); ++k) {
     if (!estimate->IsSignificant(k)) continue;
