@@ -36,7 +36,7 @@ io/hloc: base math geometry scene files database
 io/rigs: base math geometry scene files database
 io/calibration: base math geometry scene files database rigs
 io/models: base math geometry scene files database rigs calibration
-io/priors: base math geometry scene files database rigs models
+io/priors: base math geometry scene files database rigs calibration models
 frontend/features: base math geometry scene io
 frontend/matching: base math geometry scene io
 frontend/video: base io

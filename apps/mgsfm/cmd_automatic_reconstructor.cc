@@ -29,6 +29,7 @@
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "models/rows_to_scene.h"
+#include "priors/body_calibration.h"
 #include "priors/position_files.h"
 #include "rigs/image_times.h"
 #include "video/video_sampling.h"
@@ -99,11 +100,16 @@ void CheckRigsOfImages(const std::string& image_path,
 // after the matching, for malformed lines and names of unknown images.
 void CheckValuesOfImages(const std::vector<std::string>& names,
                          const std::string& image_timestamps_path,
-                         const PosePriorOptions& priors) {
+                         PosePriorOptions priors) {
   Scene scene;
   for (const std::string& name : names) {
     const auto id = static_cast<uint32_t>(scene.images.size() + 1);
     scene.images.push_back({ImageId(id), name, 0, 0, 0, {}});
+  }
+  // The sensors of the body are not known yet.
+  if (!priors.body_calibration->empty()) {
+    CheckBodyCalibration(priors.body_calibration);
+    priors.body_calibration = std::string();
   }
   if (!image_timestamps_path.empty()) {
     CheckImageTimes(image_timestamps_path, names);
@@ -322,6 +328,7 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
       {"calibration_path", loading.calibration_path},
       {"image_timestamps_path", loading.image_timestamps_path},
       {"ref_images_path", priors.ref_images_path},
+      {"body_calibration", priors.body_calibration},
       {"gravity_path", priors.gravity_path},
       {"ImageReader.mask_path", reader.mask_path},
       {"ImageReader.camera_mask_path", reader.camera_mask_path},

@@ -27,6 +27,7 @@
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "model_file.h"
+#include "priors/body_calibration.h"
 #include "priors/position_files.h"
 
 namespace mgsfm {
@@ -104,6 +105,9 @@ struct ModelAlignerOptions : ModelEditOptions {
       "use_prior_gravity", false,
       "Use the gravity directions in the table pose_priors of --database_path "
       "as upward direction for plane and for GPS positions on a line."};
+  Option<std::string> body_calibration{
+      "body_calibration", "",
+      "Take positions for those of the antenna in this file, as in mapper."};
   Option<std::string> transform_path{
       "transform_path", "",
       "Write the transform to this file: scale qw qx qy qz tx ty tz."};
@@ -114,7 +118,7 @@ struct ModelAlignerOptions : ModelEditOptions {
           ref_model_path, alignment_type, ref_is_gps, min_common_images,
           estimate_scale, robust_alignment, alignment_max_error,
           min_inlier_ratio, merge_image_and_ref_origins, use_prior_gravity,
-          transform_path, output_format, rigs);
+          body_calibration, transform_path, output_format, rigs);
   }
 };
 
@@ -254,11 +258,12 @@ void CheckUsage(const ModelAlignerOptions& options) {
                 " needs GPS positions; give --ref_images_path or "
                 "--database_path");
   }
-  if (options.merge_image_and_ref_origins &&
-      (is_plane || !options.ref_model_path->empty())) {
+  const bool needs_positions =
+      options.merge_image_and_ref_origins || !options.body_calibration->empty();
+  if (needs_positions && (is_plane || !options.ref_model_path->empty())) {
     throw Error(
-        "--merge_image_and_ref_origins needs positions; give --ref_images_path "
-        "or --database_path");
+        "--merge_image_and_ref_origins and --body_calibration need positions; "
+        "give --ref_images_path or --database_path");
   }
 }
 
@@ -326,8 +331,9 @@ std::vector<double> DistancesFrom(const PositionPriors& positions,
     const auto pose =
         model.reconstruction.CamFromWorld(model.scene, static_cast<int>(i));
     if (!positions.images[i] || !pose) continue;
-    distances.push_back(
-        (pose->Center() - positions.images[i]->position).norm());
+    distances.push_back((positions.images[i]->PointInWorld(*pose) -
+                         positions.images[i]->position)
+                            .norm());
   }
   return distances;
 }
@@ -386,7 +392,8 @@ Sim3 ShiftToFirstPosition(const PositionPriors& positions,
     const auto pose =
         model.reconstruction.CamFromWorld(model.scene, static_cast<int>(i));
     if (!positions.images[i] || !pose) continue;
-    shift.translation = positions.images[i]->position - pose->Center();
+    shift.translation = positions.images[i]->position -
+                        positions.images[i]->PointInWorld(*pose);
     break;
   }
   return shift;
@@ -438,7 +445,11 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ModelFile* input,
   const std::string reference_path = options.database_path->empty()
                                          ? options.ref_images_path
                                          : options.database_path;
-  const ReferencePositions reference = ReadReference(options, scene, context);
+  ReferencePositions reference = ReadReference(options, scene, context);
+  if (!options.body_calibration->empty()) {
+    SetAntenna(scene, ReadBodyOfModel(scene, options.body_calibration),
+               &reference.positions);
+  }
   const PositionPriors& positions = reference.positions;
   if (NeedsGps(options.alignment_type) && !positions.origin_wgs84) {
     throw Error("the positions in '" + reference_path +

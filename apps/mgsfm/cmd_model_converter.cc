@@ -20,6 +20,7 @@
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "model_file.h"
+#include "priors/body_calibration.h"
 #include "priors/position_files.h"
 #include "rigs/image_times.h"
 
@@ -52,6 +53,11 @@ struct ModelConverterOptions {
       "Choose the poses of a trajectory. frame: poses of the reference camera "
       "of the rig. camera: poses of every camera, in a folder with one file "
       "per camera."};
+  Option<std::string> body_calibration{
+      "body_calibration", "",
+      "Write a trajectory of the body instead of the reference camera: of the "
+      "inertial sensor in this file (T_cam_imu of Kalibr, in meters, as the "
+      "model must be)."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
       "Read the times for tum and euroc from this file with one line "
@@ -78,8 +84,8 @@ struct ModelConverterOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(input_path, input_type, output_path, output_type, poses,
-          image_timestamps_path, image_path, list_path, database_path, origin,
-          rigs);
+          body_calibration, image_timestamps_path, image_path, list_path,
+          database_path, origin, rigs);
   }
 };
 
@@ -275,6 +281,32 @@ ModelFile ReadInput(const ModelConverterOptions& options,
   return result;
 }
 
+// Replaces the poses of frames by those of the body that carries the cameras.
+void MoveToBody(const ModelConverterOptions& options, SceneModel* model) {
+  const std::string& path = options.body_calibration;
+  if (path.empty()) return;
+  const std::vector<std::string> types = {"tum", "kitti", "euroc", "geojson",
+                                          "kml"};
+  const bool is_trajectory =
+      std::count(types.begin(), types.end(), ToLower(options.output_type)) > 0;
+  if (!is_trajectory || options.poses != TrajectoryPoses::kFrame) {
+    CheckIsUnused(options.body_calibration,
+                  "tum, kitti, euroc, geojson and kml output with poses frame");
+  }
+  const Scene& scene = model->scene;
+  const Body body = ReadBodyOfModel(scene, path);
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    auto& rig_from_world = model->reconstruction.rig_from_world[f];
+    if (!rig_from_world) continue;
+    const int ref = scene.rigs[scene.frames[f].rig_idx].ref_sensor_idx;
+    if (!body.cam_from_body[ref]) {
+      throw Error("'" + path + "' has no pose of the reference camera '" +
+                  scene.sensors[ref].name + "'; add its T_cam_imu");
+    }
+    rig_from_world = body.cam_from_body[ref]->Inverse() * *rig_from_world;
+  }
+}
+
 int RunModelConverter(const ModelConverterOptions& options,
                       const Context& context) {
   const std::optional<ModelFormat> model_format =
@@ -296,6 +328,7 @@ int RunModelConverter(const ModelConverterOptions& options,
     ReadImageTimestamps(*options.image_timestamps_path, &input.model.scene,
                         UnknownImages::kIgnore);
   }
+  MoveToBody(options, &input.model);
   const ExportInput exported{input.model.scene, input.model.reconstruction,
                              options.poses, input.origin_wgs84};
   WriteFiles(format->write(exported), options.output_path, context);

@@ -61,7 +61,7 @@ inline constexpr int kNumFields<ImagePair> = 8;
 template <>
 inline constexpr int kNumFields<ViewGraph> = 1;
 template <>
-inline constexpr int kNumFields<PositionMeasurement> = 2;
+inline constexpr int kNumFields<PositionMeasurement> = 3;
 template <>
 inline constexpr int kNumFields<PositionPriors> = 3;
 template <>

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "fuzz/fuzz_target.h"
+#include "priors/body_calibration.h"
 
 namespace mgsfm {
 
@@ -14,6 +15,7 @@ void FuzzCalibration(const std::string& input) {
   const std::string path =
       (FuzzFolder() / kNames[static_cast<uint8_t>(input[0]) % 3]).string();
   WriteTextFile(path, input.substr(1));
+  (void)Accepts([&] { CheckBodyCalibration(path); });
   std::vector<CalibratedCamera> cameras;
   if (!Accepts([&] { cameras = ReadCalibration(path); })) return;
   for (const CalibratedCamera& camera : cameras) {

@@ -202,9 +202,9 @@ using ModelObserver = std::function<void(const Reconstruction& model)>;
 struct MapperInput {
   Scene scene;           // images, frames, rigs and cameras
   ViewGraph view_graph;  // verified matches between the images of the scene
-  // Measured camera centers. Models are registered to the world of the
-  // positions if these determine it, and deformed toward them if the models
-  // drifted.
+  // Measured positions of cameras or antennas. Models are registered to the
+  // world of the positions if these determine it, and deformed toward them if
+  // the models drifted.
   PositionPriors position_priors = {};
   // Measured directions of gravity. Models that neither position priors nor an
   // existing model align have gravity along +y.

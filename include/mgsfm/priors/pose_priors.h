@@ -57,6 +57,12 @@ struct PosePriorOptions {
       "prior_clock_offset_s", 0.0, Between(-1e10, 1e10), "s",
       "Add this to image times to get times of ref_images_path and "
       "gravity_path, whose clock is ahead by it."};
+  Option<std::string> body_calibration{
+      "body_calibration", "",
+      "Read the poses of cameras relative to an inertial sensor (T_cam_imu of "
+      "Kalibr) and the antenna (antenna_in_imu) from this file. Positions are "
+      "those of the antenna, and directions in gravity_path are in the axes of "
+      "the inertial sensor."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<bool> overwrite_priors_covariance{
@@ -85,9 +91,10 @@ struct PosePriorOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(use_prior_position, ref_images_path, ref_columns,
-          prior_clock_offset_s, ref_is_gps, overwrite_priors_covariance,
-          prior_position_std_x_m, prior_position_std_y_m,
-          prior_position_std_z_m, use_prior_gravity, gravity_path);
+          prior_clock_offset_s, body_calibration, ref_is_gps,
+          overwrite_priors_covariance, prior_position_std_x_m,
+          prior_position_std_y_m, prior_position_std_z_m, use_prior_gravity,
+          gravity_path);
   }
 
   bool AreUsed() const {
@@ -104,9 +111,9 @@ struct PosePriorOptions {
 // are converted to meters east, north and up of the first position by image
 // name. Throws Error, naming the image, for a position or covariance that is
 // not finite or impossible, for mixed coordinate systems, and for an image that
-// is unknown or repeated. Also throws Error if the file cannot be read, if
-// there is no position, and if positions are GPS but known sensor poses cannot
-// be in meters. `source` names the rows in messages.
+// is unknown or repeated, and those of ReadBody. Also throws Error if the file
+// cannot be read, if there is no position, and if positions are GPS but known
+// sensor poses cannot be in meters. `source` names the rows in messages.
 [[nodiscard]] PositionPriors MakePositionPriors(
     const Scene& scene, const std::vector<PosePriorRow>& rows,
     const std::string& source, const PosePriorOptions& options);

@@ -7,17 +7,32 @@
 #include <vector>
 
 #include "mgsfm/base/fields.h"
+#include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {
 
-// The measured position of a camera center, for example by GPS, in meters or
-// in the unit of its world.
+// The measured position of a point that is fixed to a camera, for example by
+// GPS, in meters or in the unit of its world.
 struct PositionMeasurement {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
+  // The antenna has the measured position and the axes of its body. By default,
+  // it is the camera itself.
+  Rigid3 cam_from_antenna = {};
+
+  // From the camera center to the antenna. Its length is that of the antenna in
+  // a world of any scale.
+  Eigen::Vector3d LeverInWorld(const Rigid3& cam_from_world) const {
+    return cam_from_world.rotation.conjugate() * cam_from_antenna.translation;
+  }
+  // The antenna in a model with the unit of length of the position.
+  Eigen::Vector3d PointInWorld(const Rigid3& cam_from_world) const {
+    return cam_from_world.Center() + LeverInWorld(cam_from_world);
+  }
 };
 
-// Measured positions of the camera centers of images in one world frame.
+// Measured positions of points that are fixed to the cameras of images, in one
+// world frame.
 struct PositionPriors {
   std::vector<std::optional<PositionMeasurement>> images;  // empty: none
   // Latitude and longitude (degrees, WGS84) and altitude (meters) of the origin
@@ -57,7 +72,7 @@ struct ModelDeformation {
 struct PositionPriorSummary {
   struct Outlier {
     int image_idx = 0;
-    double distance = 0.0;  // from the position to the image's center
+    double distance = 0.0;  // from the position to its point of the model
 
     auto Fields() const {
       return Named("image", As<Item::kImageName>(image_idx), "distance",

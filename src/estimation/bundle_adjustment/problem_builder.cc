@@ -198,7 +198,8 @@ void AddPositionPriors(const ProblemInput& input,
     if (!prior) continue;
     problem->position_priors.push_back(
         {static_cast<int>(i), prior->position,
-         prior->covariance.llt().matrixL().solve(Eigen::Matrix3d::Identity())});
+         prior->covariance.llt().matrixL().solve(Eigen::Matrix3d::Identity()),
+         prior->cam_from_antenna.translation});
   }
 }
 

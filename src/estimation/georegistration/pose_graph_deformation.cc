@@ -59,7 +59,7 @@ struct Edge {
 struct PositionTerm {
   int image_idx = 0;
   int node = 0;
-  Vector3d offset;  // from the frame to the camera, in the initial model
+  Vector3d offset;  // from the frame to the antenna, in the initial model
   Vector3d position;
   Matrix3d sqrt_information;
 };
@@ -125,7 +125,8 @@ void AddPositions(const Scene& scene, const PositionPriors& priors,
     const PositionMeasurement& prior = *priors.images[i];
     const int node = graph->node_of_frame[scene.images[i].frame_idx].value();
     graph->positions.push_back(
-        {image_idx, node, pose->Center() - graph->nodes[node].old_center,
+        {image_idx, node,
+         prior.PointInWorld(*pose) - graph->nodes[node].old_center,
          prior.position,
          prior.covariance.llt().matrixL().solve(Matrix3d::Identity())});
     sigmas.push_back(std::sqrt(prior.covariance.trace() / 3.0));

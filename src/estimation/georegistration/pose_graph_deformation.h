@@ -21,12 +21,12 @@ namespace mgsfm {
 // and moves its surroundings by x -> c'_f + e^s_f Q_f (x - c_f).
 //
 // Objective, with D = c_g - c_f between the centers of two frames that an image
-// pair connects, and the position g_i with covariance C_i of image i, whose
-// deformed center is c'_i:
+// pair connects, and the position g_i with covariance C_i of a point of image
+// i, which the deformation moves to p'_i:
 //
 //   min  sum_fg [ |c'_g - c'_f - (e^s_f Q_f + e^s_g Q_g) D / 2|^2 / |D|^2
 //                 + |Log(Q_f^T Q_g)|^2 + (s_g - s_f)^2 ] / sigma^2
-//      + sum_i rho((c'_i - g_i)^T C_i^-1 (c'_i - g_i))
+//      + sum_i rho((p'_i - g_i)^T C_i^-1 (p'_i - g_i))
 //
 // - |D| is at least a tenth of the median.
 // - s = 0 if the model is metric or a rig has cameras at different centers,

@@ -30,12 +30,16 @@ constexpr double kGravitySigmaRad = DegToRad(1.0);
 struct Sample {
   int image_idx = 0;
   Vector3d center;    // in the model
+  Vector3d lever;     // to the antenna, in the axes of the model and meters
   Vector3d position;  // measured
   double sigma = 1.0;
+
+  // The antenna in a model of this scale.
+  Vector3d PointAt(double scale) const { return scale * center + lever; }
 };
 
-// The similarity fit to samples: min sum w |s R c + t - g|^2 - 2 tr(upright
-// R^T) up to constants.
+// The similarity fit to samples: min sum w |R (s c + l) + t - g|^2 - 2
+// tr(upright R^T) up to constants.
 struct FitProblem {
   std::vector<Sample> samples;
   OutlierRule outlier_rule = OutlierRule::kLeastMedian;
@@ -56,8 +60,9 @@ std::vector<double> ResidualsOf(const FitProblem& problem, const Sim3& fit) {
   std::vector<double> residuals;
   residuals.reserve(problem.samples.size());
   for (const Sample& sample : problem.samples) {
-    residuals.push_back((fit * sample.center - sample.position).norm() /
-                        sample.sigma);
+    const Vector3d point =
+        fit.rotation * sample.PointAt(fit.scale) + fit.translation;
+    residuals.push_back((point - sample.position).norm() / sample.sigma);
   }
   return residuals;
 }
@@ -73,12 +78,15 @@ Mask InliersOf(const FitProblem& problem, const Sim3& fit) {
   return is_inlier;
 }
 
-// Weighted means and second moments of centers and positions.
+// Weighted means and second moments of centers, levers and positions.
 struct Moments {
   Vector3d mean = Vector3d::Zero();
+  Vector3d lever_mean = Vector3d::Zero();
   Vector3d measured_mean = Vector3d::Zero();
-  Matrix3d cross = Matrix3d::Zero();
+  Matrix3d cross = Matrix3d::Zero();        // of positions and centers
+  Matrix3d lever_cross = Matrix3d::Zero();  // of positions and levers
   double variance = 0.0;
+  double lever_covariance = 0.0;  // of centers and levers
   double measured_variance = 0.0;
 };
 
@@ -89,18 +97,23 @@ Moments MomentsOf(const std::vector<Sample>& samples, const Mask& is_used) {
     if (!is_used[i]) continue;
     const double w = WeightOf(samples[i]);
     m.mean += w * samples[i].center;
+    m.lever_mean += w * samples[i].lever;
     m.measured_mean += w * samples[i].position;
     weight += w;
   }
   m.mean /= weight;
+  m.lever_mean /= weight;
   m.measured_mean /= weight;
   for (size_t i = 0; i < samples.size(); ++i) {
     if (!is_used[i]) continue;
     const double w = WeightOf(samples[i]);
     const Vector3d c = samples[i].center - m.mean;
+    const Vector3d l = samples[i].lever - m.lever_mean;
     const Vector3d g = samples[i].position - m.measured_mean;
     m.cross += w * g * c.transpose();
+    m.lever_cross += w * g * l.transpose();
     m.variance += w * c.squaredNorm();
+    m.lever_covariance += w * c.dot(l);
     m.measured_variance += w * g.squaredNorm();
   }
   return m;
@@ -114,20 +127,22 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
   Sim3 fit;
   if (fits_scale) fit.scale = std::sqrt(m.measured_variance / m.variance);
   for (int i = 0; i < 10; ++i) {
-    const Svd3 svd(fit.scale * m.cross + problem.upright);
+    const Svd3 svd(fit.scale * m.cross + m.lever_cross + problem.upright);
     Matrix3d flip = Matrix3d::Identity();
     flip(2, 2) = (svd.U * svd.V.transpose()).determinant();
     fit.rotation =
         Eigen::Quaterniond(Matrix3d(svd.U * flip * svd.V.transpose()));
     if (!fits_scale) break;
     const double scale =
-        (fit.rotation.toRotationMatrix().transpose() * m.cross).trace() /
+        ((fit.rotation.toRotationMatrix().transpose() * m.cross).trace() -
+         m.lever_covariance) /
         m.variance;
     // Contradictory positions can favor a reflection.
     if (!(scale > 0.0)) break;
     fit.scale = scale;
   }
-  fit.translation = m.measured_mean - fit.scale * (fit.rotation * m.mean);
+  fit.translation =
+      m.measured_mean - fit.rotation * (fit.scale * m.mean + m.lever_mean);
   return fit;
 }
 
@@ -180,19 +195,20 @@ RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
 
 // Standard deviation of the rotation about the path due to positions alone.
 double RotationSigma(const std::vector<Sample>& samples, const RobustFit& fit) {
+  const double scale = fit.world_from_model.scale;
   Vector3d mean = Vector3d::Zero();
   double weight = 0.0;
   for (size_t i = 0; i < samples.size(); ++i) {
     if (!fit.is_inlier[i]) continue;
     const double w = WeightOf(samples[i]);
-    mean += w * samples[i].center;
+    mean += w * samples[i].PointAt(scale);
     weight += w;
   }
   mean /= weight;
   Matrix3d scatter = Matrix3d::Zero();
   for (size_t i = 0; i < samples.size(); ++i) {
     if (!fit.is_inlier[i]) continue;
-    const Vector3d c = fit.world_from_model.scale * (samples[i].center - mean);
+    const Vector3d c = samples[i].PointAt(scale) - mean;
     scatter += WeightOf(samples[i]) * c * c.transpose();
   }
   const SymmetricEigen<Matrix3d> eigen(scatter);
@@ -207,8 +223,10 @@ std::vector<Sample> CollectSamples(const Scene& scene,
     const int image_idx = static_cast<int>(i);
     const auto pose = reconstruction.CamFromWorld(scene, image_idx);
     if (!pose || !priors.images[i]) continue;
-    samples.push_back({image_idx, pose->Center(), priors.images[i]->position,
-                       std::sqrt(priors.images[i]->covariance.trace() / 3.0)});
+    const PositionMeasurement& prior = *priors.images[i];
+    samples.push_back({image_idx, pose->Center(), prior.LeverInWorld(*pose),
+                       prior.position,
+                       std::sqrt(prior.covariance.trace() / 3.0)});
   }
   return samples;
 }
@@ -316,7 +334,7 @@ void EvaluatePositions(const Scene& scene, const PositionPriors& priors,
     const auto pose = reconstruction.CamFromWorld(scene, image_idx);
     if (!pose || !priors.images[i]) continue;
     const PositionMeasurement& prior = *priors.images[i];
-    const Vector3d error = pose->Center() - prior.position;
+    const Vector3d error = prior.PointInWorld(*pose) - prior.position;
     const double distance =
         std::sqrt(error.dot(prior.covariance.llt().solve(error)));
     if (distance > kOutlierInSigmas || !used.images[i]) {

@@ -14,10 +14,13 @@ namespace mgsfm {
 // Registers a model to measured positions by a similarity, and selects the
 // positions that bundle adjustment uses.
 //
-//   min sum_i |s R c_i + t - g_i|^2 / sigma_i^2 + |R d - z|^2 / sigma_up^2
+//   min sum_i |R (s c_i + l_i) + t - g_i|^2 / sigma_i^2
+//       + |R d - z|^2 / sigma_up^2
 //
-// over images with a center c_i in the model and a position g_i. sigma_i^2 is a
-// third of the trace of the covariance of g_i. s is 1 if the model is metric.
+// over images with a center c_i in the model and a position g_i of the antenna,
+// which the lever l_i, in the axes of the model and the unit of g_i, connects
+// with the center. sigma_i^2 is a third of the trace of the covariance of g_i.
+// s is 1 if the model is metric.
 //
 // The last term matters only if the positions are collinear. z is up. d is the
 // upward direction of measured gravity (sigma_up 1 degree), or the mean upward

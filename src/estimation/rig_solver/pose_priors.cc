@@ -104,13 +104,13 @@ PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
   const FramePose moved = Move(frame, motion);
   const Matrix3d Rt = moved.rig_from_world.conjugate().toRotationMatrix();
   const Matrix3d St = sensor_from_rig.rotation.conjugate().toRotationMatrix();
-  const Vector3d& t = sensor_from_rig.translation;
+  const Vector3d t = sensor_from_rig.translation - prior.point_in_cam;
   const Matrix3d& A = prior.sqrt_information;
-  const Vector3d center = moved.center - Rt * (St * t);
+  const Vector3d point = moved.center - Rt * (St * t);
   PosePriorResidual r;
   r.size = 3;
-  r.value.head<3>() = A * (center - prior.position);
-  // M Exp(w) R = Exp(M w) M R moves the center by (M R)^T (M w x S^T t), Exp(w)
+  r.value.head<3>() = A * (point - prior.position);
+  // M Exp(w) R = Exp(M w) M R moves the point by (M R)^T (M w x S^T t), Exp(w)
   // S by (M R)^T S^T (w x t).
   r.by_frame.topLeftCorner<3, 3>() =
       -A * Rt * CrossMatrix(St * t) * motion.rotation.toRotationMatrix();

@@ -95,12 +95,13 @@ struct LinearTerm {
   double weight = 1.0;
 };
 
-// The measured position of an image: the residual sqrt_information (c_i -
-// position) of its center c_i = c - (S R)^T t.
+// The measured position of a point p in the camera frame of an image: the
+// residual sqrt_information (p_i - position), p_i = c + (S R)^T (p - t).
 struct PositionPrior {
   int image = 0;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Matrix3d sqrt_information = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d point_in_cam = Eigen::Vector3d::Zero();
 };
 
 // The measured direction of gravity in an image: the residual (S R down -

@@ -30,6 +30,8 @@ struct CalibratedCamera {
   // The frame shared by the cameras of a calibration: a body, a vehicle or one
   // of the cameras.
   std::optional<Rigid3> cam_from_base;
+  // The body of a calibration with an inertial sensor.
+  std::optional<Rigid3> cam_from_imu;
   // Offset from image times to the clock of the base.
   std::optional<double> time_shift_s;
 };
@@ -59,6 +61,8 @@ std::vector<CalibratedCamera> ReadCalibration(const std::string& paths);
 // T_cam_imu.
 bool IsKalibr(const YamlValue& file);
 std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file);
+// Without the lenses, whose keys may be missing.
+std::vector<CalibratedCamera> ReadKalibrPoses(const YamlValue& file);
 
 // EuRoC: T_BS (body from sensor), intrinsics, distortion_coefficients. The
 // folder of the file names the camera.

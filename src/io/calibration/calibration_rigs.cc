@@ -36,14 +36,6 @@ std::string Lower(std::string text) {
   return text;
 }
 
-// The number at the end of a name that consists of letters and this number.
-std::optional<int> NumberAtEnd(const std::string& name) {
-  const size_t begin = name.find_last_not_of("0123456789") + 1;
-  const std::string digits = name.substr(begin);
-  if (digits.empty() || digits.size() > 3) return std::nullopt;
-  return std::stoi(digits);
-}
-
 // All folders, and starts of file names up to their last '_' or '-'.
 std::map<std::string, Prefix> FindPrefixes(const RigInput& input) {
   std::map<std::string, Prefix> prefixes;
@@ -306,6 +298,13 @@ bool IsRigConfig(const std::string& path) {
 }
 
 }  // namespace
+
+std::optional<int> NumberAtEnd(const std::string& name) {
+  const size_t begin = name.find_last_not_of("0123456789") + 1;
+  const std::string digits = name.substr(begin);
+  if (digits.empty() || digits.size() > 3) return std::nullopt;
+  return std::stoi(digits);
+}
 
 std::vector<RigConfig> ReadCalibrationRigs(const RigInput& input,
                                            const std::string& paths,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,5 +28,8 @@ namespace mgsfm {
 std::vector<RigConfig> ReadCalibrationRigs(const RigInput& input,
                                            const std::string& paths,
                                            const Context& context);
+
+// The number at the end of a name that consists of letters and this number.
+std::optional<int> NumberAtEnd(const std::string& name);
 
 }  // namespace mgsfm

@@ -190,6 +190,8 @@ class KalibrPoses {
     }
     return cam_from_base_;
   }
+  // Of connected cameras; nullopt without T_cam_imu.
+  const std::optional<Rigid3>& ImuFromBase() const { return imu_from_base_; }
 
  private:
   bool HasPose(size_t i) const {
@@ -225,16 +227,29 @@ class KalibrPoses {
 
 }  // namespace
 
-std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
+namespace {
+
+// The cameras, in the order of their numbers.
+std::vector<std::pair<std::string, YamlValue>> KalibrItems(
+    const YamlValue& file) {
   auto items = file.Items();
+  items.erase(
+      std::remove_if(items.begin(), items.end(),
+                     [](const auto& item) { return !item.second.IsMap(); }),
+      items.end());
   std::stable_sort(items.begin(), items.end(),
                    [](const auto& a, const auto& b) {
                      return IsNaturallyBefore(a.first, b.first);
                    });
+  return items;
+}
+
+}  // namespace
+
+std::vector<CalibratedCamera> ReadKalibrPoses(const YamlValue& file) {
   std::vector<CalibratedCamera> cameras;
   std::vector<YamlValue> values;
-  for (const auto& [name, value] : items) {
-    if (!value.IsMap()) continue;
+  for (const auto& [name, value] : KalibrItems(file)) {
     CalibratedCamera camera;
     if (const auto topic = value.Find("rostopic")) {
       if (const auto part = CameraOfTopic(topic->Text())) {
@@ -243,6 +258,25 @@ std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
     }
     camera.names.push_back(name);
     camera.place = value.Place();
+    values.push_back(value);
+    cameras.push_back(std::move(camera));
+  }
+  KalibrPoses connected(values);
+  const Poses poses = connected.Connect(values);
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    cameras[i].cam_from_base = poses[i];
+    if (poses[i] && connected.ImuFromBase()) {
+      cameras[i].cam_from_imu = *poses[i] * connected.ImuFromBase()->Inverse();
+    }
+  }
+  return cameras;
+}
+
+std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
+  std::vector<CalibratedCamera> cameras = ReadKalibrPoses(file);
+  size_t i = 0;
+  for (const auto& [name, value] : KalibrItems(file)) {
+    CalibratedCamera& camera = cameras[i++];
     if (const auto size = value.Find("resolution")) {
       camera.size_px = size->ImageSize();
     }
@@ -250,12 +284,6 @@ std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
     if (const auto shift = value.Find("timeshift_cam_imu")) {
       camera.time_shift_s = shift->Number();
     }
-    values.push_back(value);
-    cameras.push_back(std::move(camera));
-  }
-  const Poses poses = KalibrPoses(values).Connect(values);
-  for (size_t i = 0; i < cameras.size(); ++i) {
-    cameras[i].cam_from_base = poses[i];
   }
   return cameras;
 }

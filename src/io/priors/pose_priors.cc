@@ -19,6 +19,7 @@
 #include "geometry/geodetic.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
+#include "priors/body_calibration.h"
 #include "priors/position_files.h"
 #include "scene/item_lists.h"
 #include "scene/value_check.h"
@@ -256,6 +257,17 @@ GravityPriors ReadGravityFile(const Scene& scene,
   return gravity;
 }
 
+// From the axes of the inertial sensor.
+void TurnToCameras(const Scene& scene, const Body& body,
+                   GravityPriors* gravity) {
+  for (size_t i = 0; i < gravity->images.size(); ++i) {
+    auto& direction = gravity->images[i];
+    if (!direction) continue;
+    direction =
+        body.CamFromBody(scene, static_cast<int>(i)).rotation * *direction;
+  }
+}
+
 // COLMAP writes values that are not finite for an unknown gravity.
 GravityPriors ReadGravityColumn(const Scene& scene,
                                 const std::string& database_path) {
@@ -327,12 +339,23 @@ PositionPriors MakePositionPriors(const Scene& scene,
   } else {
     maker.ReadLines();
   }
-  return maker.Make();
+  PositionPriors priors = maker.Make();
+  if (!options.body_calibration->empty()) {
+    SetAntenna(scene, ReadBody(scene, options.body_calibration), &priors);
+  }
+  return priors;
 }
 
 PositionPriors ReadPositionPriors(const Scene& scene,
                                   const std::string& database_path,
                                   const PosePriorOptions& options) {
+  const std::string& body = options.body_calibration;
+  if (!body.empty() && !options.AreUsed() && options.gravity_path->empty()) {
+    throw Error("'" + body +
+                "' (body_calibration) would not be read: it is for positions "
+                "and gravity_path; set use_prior_position, ref_images_path or "
+                "gravity_path, or omit it");
+  }
   std::vector<PosePriorRow> rows;
   if (options.AreUsed() && options.ref_images_path->empty()) {
     const SqliteSnapshot snapshot(database_path);
@@ -346,7 +369,11 @@ PositionPriors ReadPositionPriors(const Scene& scene,
 GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,
                           const PosePriorOptions& options) {
   if (!options.gravity_path->empty()) {
-    return ReadGravityFile(scene, options);
+    GravityPriors gravity = ReadGravityFile(scene, options);
+    if (!options.body_calibration->empty()) {
+      TurnToCameras(scene, ReadBody(scene, options.body_calibration), &gravity);
+    }
+    return gravity;
   }
   if (!options.use_prior_gravity) return {};
   GravityPriors gravity = ReadGravityColumn(scene, database_path);

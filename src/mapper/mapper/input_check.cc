@@ -163,7 +163,7 @@ std::vector<double> LogScales(const Scene& scene, const PositionPriors& priors,
     const auto cam_from_world = model.CamFromWorld(scene, static_cast<int>(i));
     if (!priors.images[i] || !cam_from_world) continue;
     measured.push_back(priors.images[i]->position);
-    estimated.push_back(cam_from_world->Center());
+    estimated.push_back(priors.images[i]->PointInWorld(*cam_from_world));
   }
   std::vector<double> log_scales;
   const size_t half = measured.size() / 2;

@@ -16,10 +16,10 @@
 #include "bundle_adjustment/residual_field.h"
 #include "geometry/decompositions.h"
 #include "geometry/so3.h"
-#include "georegistration/clock_offset.h"
 #include "georegistration/gravity_leveling.h"
 #include "georegistration/metric_scale.h"
 #include "georegistration/pose_graph_deformation.h"
+#include "georegistration/position_offsets.h"
 #include "georegistration/position_registration.h"
 #include "input_check/rig_samples.h"
 #include "mapper/stage.h"
@@ -75,23 +75,6 @@ bool IsPlausible(const ModelDeformation& deformation, double extent) {
   return deformation.max_shift <= kMaxShareOfExtent * extent;
 }
 
-// Warns if positions fit the path better at other times.
-void WarnOfClockOffset(const AdjustmentInput& input,
-                       const Reconstruction& model, const Context& context) {
-  const auto clock =
-      EstimateClockOffset(input.scene, input.positions, model, input.is_metric);
-  if (!clock || !clock->is_significant) return;
-  const bool is_ahead = clock->offset_s > 0.0;
-  context.Warning(Formatted(
-      "the clock of the positions is %.3f +- %.3f s %s that of the images, or "
-      "their antenna is %.2f %s the camera: add %.3f to prior_clock_offset_s, "
-      "or give the positions of the camera",
-      std::abs(clock->offset_s), clock->sigma_s,
-      is_ahead ? "ahead of" : "behind",
-      std::abs(clock->offset_s) * clock->speed,
-      is_ahead ? "behind" : "ahead of", clock->offset_s));
-}
-
 // Registers the initial model to the position priors and deforms it toward
 // them. Returns the priors for bundle adjustment: none if the deformation is
 // implausible.
@@ -108,7 +91,10 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   model->position_priors = std::move(registration.summary);
   PositionPriorSummary& summary = *model->position_priors;
   if (!summary.is_registered) return std::move(registration.used);
-  WarnOfClockOffset(input, *initial, context);
+  // Deformation and adjustment would hide offsets.
+  const std::string offsets = DescribeOffsets(EstimatePositionOffsets(
+      input.scene, input.positions, *initial, input.is_metric));
+  if (!offsets.empty()) context.Warning(offsets);
   const double extent = ExtentOf(*initial);
   summary.deformation =
       DeformToPriors({input.scene, input.view_graph, input.pair_is_used,

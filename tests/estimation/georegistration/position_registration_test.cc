@@ -38,6 +38,19 @@ double MaxDistance(const Simulation& simulation, const Reconstruction& model) {
   return most;
 }
 
+// Positions of an antenna on a mast.
+PositionPriors AntennaPositions(const Simulation& simulation, double sigma_m,
+                                double outlier_ratio) {
+  PositionPriors priors = MeasuredPositions(simulation, sigma_m, outlier_ratio);
+  for (size_t i = 0; i < priors.images.size(); ++i) {
+    if (!priors.images[i]) continue;
+    PositionMeasurement& prior = *priors.images[i];
+    prior.cam_from_antenna = {ExpSO3({0.1, 1.5, 0.0}), {0.5, -1.1, 3.0}};
+    prior.position += prior.LeverInWorld(simulation.cam_from_world[i]);
+  }
+  return priors;
+}
+
 const Sim3 kModelFromWorld{0.3, ExpSO3({0.4, -2.0, 0.7}), {10.0, -5.0, 3.0}};
 
 TEST(PositionRegistrationTest, RecoversTheWorldDespiteOutliers) {
@@ -57,6 +70,25 @@ TEST(PositionRegistrationTest, RecoversTheWorldDespiteOutliers) {
     EXPECT_GT(outlier.distance, 15.0);
   }
   EXPECT_NEAR(*summary.rms, 0.1 * std::sqrt(3.0), 0.06);
+}
+
+// The lever is in meters in a model of any scale.
+TEST(PositionRegistrationTest, AntennasNeedNotBeAtTheCamera) {
+  const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
+  PositionPriors priors = AntennaPositions(simulation, 1e-4, 0.3);
+  Reconstruction model = simulation.ground_truth;
+  TransformWorld(kModelFromWorld, &model);
+  auto [summary, used] = RegisterToPriors(simulation.scene, priors, {}, &model);
+  EXPECT_LT(MaxDistance(simulation, model), 1e-3);
+  EvaluatePositions(simulation.scene, priors, used, model, &summary);
+  EXPECT_LT(*summary.rms, 1e-3);
+  // The same positions cannot be those of the camera.
+  for (auto& prior : priors.images) {
+    if (prior) prior->cam_from_antenna = Rigid3();
+  }
+  TransformWorld(kModelFromWorld, &model);
+  RegisterToPriors(simulation.scene, priors, {}, &model);
+  EXPECT_GT(MaxDistance(simulation, model), 0.5);
 }
 
 // The few positions within the bound outweigh the others.
@@ -150,6 +182,18 @@ TEST(PositionRegistrationTest, MapperPlacesTheModel) {
   // The mean of 30 positions with 0.3 m is more accurate than each of them.
   EXPECT_LT(MaxDistance(simulation, model.reconstruction), 0.3);
   EXPECT_LT(model.position_priors->outliers.size(), 8u);
+}
+
+TEST(PositionRegistrationTest, MapperPlacesTheModelByItsAntenna) {
+  const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
+  const auto error_of = [&](const PositionPriors& priors) {
+    const MapperResult result =
+        RunMapper({simulation.scene, simulation.view_graph, priors},
+                  MapperOptions(), Context());
+    return MaxDistance(simulation, result.models.at(0).reconstruction);
+  };
+  EXPECT_LT(error_of(AntennaPositions(simulation, 0.05, 0.1)),
+            1.5 * error_of(MeasuredPositions(simulation, 0.05, 0.1)));
 }
 
 }  // namespace

@@ -113,7 +113,8 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
         state.sensors[image.sensor] *
         Rigid3::FromRotationAndCenter(frame.rig_from_world, frame.center);
     groups.push_back(
-        {prior.sqrt_information * (cam_from_world.Center() - prior.position),
+        {prior.sqrt_information *
+             (cam_from_world.Inverse() * prior.point_in_cam - prior.position),
          problem.position_loss});
   }
   for (const GravityPrior& prior : problem.gravity_priors) {

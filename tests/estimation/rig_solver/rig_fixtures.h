@@ -270,7 +270,9 @@ void AddPosePriorsNearby(double error, RigScene<Observation>* scene) {
         Rigid3::FromRotationAndCenter(frame.rig_from_world, frame.center);
     PositionPrior prior;
     prior.image = static_cast<int>(i);
-    prior.position = cam_from_world.Center() + RandomVector(error, &random);
+    prior.point_in_cam = RandomVector(0.4, &random);
+    prior.position = cam_from_world.Inverse() * prior.point_in_cam +
+                     RandomVector(error, &random);
     for (int k = 0; k < 3; ++k) {
       prior.sqrt_information.col(k) += RandomVector(0.2, &random);
     }

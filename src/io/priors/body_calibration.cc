@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "priors/body_calibration.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "base/file_reading.h"
+#include "base/text_tools.h"
+#include "calibration/calibration.h"
+#include "calibration/calibration_rigs.h"
+#include "calibration/yaml_value.h"
+#include "mgsfm/base/error.h"
+#include "scene/value_check.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr const char* kLayout =
+    "give T_cam_imu of a camera in the layout of Kalibr's camchain, as YAML or "
+    "JSON, with antenna_in_imu: [x, y, z] in meters";
+
+// Throws Error for formats that are not read.
+void CheckFormat(const std::string& path) {
+  const std::string extension =
+      ToLower(std::filesystem::path(path).extension());
+  if (extension == ".urdf" || extension == ".xacro" || extension == ".xml") {
+    throw Error("'" + path + "' is a URDF, which is not read; " + kLayout);
+  }
+  if (extension == ".bag" || extension == ".mcap" || extension == ".db3") {
+    throw Error("'" + path + "' is a recording, which is not read; " + kLayout);
+  }
+}
+
+struct BodyFile {
+  std::vector<CalibratedCamera> cameras;
+  Eigen::Vector3d antenna_in_body = Eigen::Vector3d::Zero();
+};
+
+BodyFile ReadFileOfBody(const std::string& path) {
+  CheckFormat(path);
+  const YamlValue file(path, ReadFile(path));
+  if (!file.IsMap()) throw Error("'" + path + "' is no map; " + kLayout);
+  if (file.Has("transforms")) {
+    throw Error("'" + path + "' is a dump of tf, which is not read; " +
+                kLayout);
+  }
+  BodyFile body;
+  body.cameras = ReadKalibrPoses(file);
+  if (std::none_of(body.cameras.begin(), body.cameras.end(),
+                   [](const auto& c) { return c.cam_from_imu.has_value(); })) {
+    throw Error("'" + path + "' has no camera with T_cam_imu; " + kLayout);
+  }
+  if (const auto antenna = file.Find("antenna_in_imu")) {
+    body.antenna_in_body = Eigen::Vector3d::Map(antenna->Numbers(3).data());
+    const auto why = WhyImplausible(body.antenna_in_body);
+    if (why) antenna->Throw(*why + "; correct it");
+  }
+  return body;
+}
+
+// The camera of a sensor by name, or else by number.
+const CalibratedCamera* FindCamera(const BodyFile& file, const Scene& scene,
+                                   const Sensor& sensor) {
+  if (file.cameras.size() == 1 && scene.sensors.size() == 1) {
+    return &file.cameras.front();
+  }
+  const std::string name =
+      ToLower(std::filesystem::path(sensor.name).filename());
+  for (const CalibratedCamera& camera : file.cameras) {
+    for (const std::string& other : camera.names) {
+      if (ToLower(other) == name) return &camera;
+    }
+  }
+  const auto number = NumberAtEnd(name);
+  for (const CalibratedCamera& camera : file.cameras) {
+    if (number && NumberAtEnd(camera.names.back()) == number) return &camera;
+  }
+  return nullptr;
+}
+
+// Completes the poses of the sensors of a rig from those that are known in it.
+void UseKnownRig(const Scene& scene, const Rig& rig, Body* body) {
+  std::optional<Rigid3> rig_from_body;
+  std::string first;
+  for (const int s : rig.sensor_idxs) {
+    const auto& in_rig = scene.sensors[s].sensor_from_rig;
+    const auto& pose = body->cam_from_body[s];
+    if (!in_rig || !pose) continue;
+    if (!rig_from_body) {
+      rig_from_body = in_rig->Inverse() * *pose;
+      first = scene.sensors[s].name;
+    }
+    const auto difference = WhyDifferent(*pose, *in_rig * *rig_from_body);
+    if (difference) {
+      throw Error("'" + body->path + "': the pose of camera '" +
+                  scene.sensors[s].name + "' relative to '" + first +
+                  "' differs from that in the known rig " + *difference +
+                  "; correct one of them");
+    }
+  }
+  for (const int s : rig.sensor_idxs) {
+    const auto& in_rig = scene.sensors[s].sensor_from_rig;
+    if (!in_rig || !rig_from_body || body->cam_from_body[s]) continue;
+    body->cam_from_body[s] = *in_rig * *rig_from_body;
+  }
+}
+
+}  // namespace
+
+const Rigid3& Body::CamFromBody(const Scene& scene, int image_idx) const {
+  const Image& image = scene.images[image_idx];
+  const auto& pose = cam_from_body[image.sensor_idx];
+  if (pose) return *pose;
+  throw Error("'" + path + "' has no pose of camera '" +
+              scene.sensors[image.sensor_idx].name + "', whose image '" +
+              image.name + "' has a measurement; add its T_cam_imu");
+}
+
+Body ReadBody(const Scene& scene, const std::string& path) {
+  const BodyFile file = ReadFileOfBody(path);
+  Body body{path, {}, file.antenna_in_body};
+  std::vector<std::string> names;
+  for (const Sensor& sensor : scene.sensors) {
+    const CalibratedCamera* camera = FindCamera(file, scene, sensor);
+    body.cam_from_body.push_back(camera ? camera->cam_from_imu : std::nullopt);
+    names.push_back("'" + sensor.name + "'");
+  }
+  if (std::none_of(body.cam_from_body.begin(), body.cam_from_body.end(),
+                   [](const auto& pose) { return pose.has_value(); })) {
+    throw Error("'" + path + "' has none of the cameras " +
+                Joined(names, ", ") + "; rename its cameras like them");
+  }
+  for (const Rig& rig : scene.rigs) UseKnownRig(scene, rig, &body);
+  return body;
+}
+
+Body ReadBodyOfModel(Scene scene, const std::string& path) {
+  for (const Rig& rig : scene.rigs) {
+    for (const int s : rig.sensor_idxs) {
+      if (!scene.IsReference(s)) scene.sensors[s].sensor_from_rig.reset();
+    }
+  }
+  return ReadBody(scene, path);
+}
+
+void CheckBodyCalibration(const std::string& path) {
+  (void)ReadFileOfBody(path);
+}
+
+void SetAntenna(const Scene& scene, const Body& body, PositionPriors* priors) {
+  for (size_t i = 0; i < priors->images.size(); ++i) {
+    if (!priors->images[i]) continue;
+    const Rigid3& pose = body.CamFromBody(scene, static_cast<int>(i));
+    priors->images[i]->cam_from_antenna = {pose.rotation,
+                                           pose * body.antenna_in_body};
+  }
+}
+
+}  // namespace mgsfm
