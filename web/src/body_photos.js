@@ -60,7 +60,7 @@ export class BodyPhotos {
 
   setVisible(isVisible) {
     for (const {mesh} of this.shown.values()) {
-      mesh.visible = isVisible && mesh.material.map !== null;
+      mesh.visible = isVisible && mesh.material.uniforms.map.value !== null;
     }
   }
 }

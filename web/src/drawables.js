@@ -2,8 +2,7 @@
 // The objects of the 3D view.
 import {BufferAttribute, BufferGeometry, DoubleSide, InstancedBufferAttribute,
         InstancedBufferGeometry, LineBasicMaterial, LineSegments, Mesh,
-        MeshBasicMaterial, Points, ShaderMaterial, SRGBColorSpace, Texture,
-        Vector2, Vector3} from 'three';
+        Points, ShaderMaterial, Texture, Vector2, Vector3} from 'three';
 
 // What fades with the distance, in all materials that use it.
 export const fog = {
@@ -113,6 +112,18 @@ export function makeGrid(middle, axes, step, radius) {
   return grid;
 }
 
+const PHOTO_VERTEX = `
+varying vec2 vPlace;
+void main() {
+  vPlace = uv;
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+
+const PHOTO_FRAGMENT = `
+uniform sampler2D map;
+varying vec2 vPlace;
+void main() { gl_FragColor = texture2D(map, vPlace); }`;
+
 // A picture in the image plane of a camera, whose corners are given row by row.
 export function makePhoto(corners, jpeg, onLoad) {
   const geometry = new BufferGeometry();
@@ -121,16 +132,19 @@ export function makePhoto(corners, jpeg, onLoad) {
   geometry.setAttribute(
       'uv', new BufferAttribute(new Float32Array([0, 0, 1, 0, 0, 1, 1, 1]), 2));
   geometry.setIndex([0, 1, 2, 2, 1, 3]);
-  const photo = new Mesh(geometry, new MeshBasicMaterial({side: DoubleSide}));
+  const photo = new Mesh(geometry, new ShaderMaterial({
+    uniforms: {map: {value: null}},
+    vertexShader: PHOTO_VERTEX,
+    fragmentShader: PHOTO_FRAGMENT,
+    side: DoubleSide,
+  }));
   photo.frustumCulled = false;
   photo.visible = false;
   createImageBitmap(new Blob([jpeg], {type: 'image/jpeg'})).then((bitmap) => {
     const texture = new Texture(bitmap);
-    texture.colorSpace = SRGBColorSpace;
     texture.flipY = false;
     texture.needsUpdate = true;
-    photo.material.map = texture;
-    photo.material.needsUpdate = true;
+    photo.material.uniforms.map.value = texture;
     photo.visible = true;
     onLoad();
   }, () => {});  // without a picture, the edges remain

@@ -5,7 +5,7 @@ import {Vector3} from 'three';
 const FILLED = 0.86;  // of the panel, by what is framed
 // From the side of a path, seen a bit along it and from above.
 const AZIMUTH_RAD = 0.5, ELEVATION_RAD = 0.6;
-const MAX_SAMPLES = 20000;
+const MAX_SAMPLES = 5000;
 
 // Positions with finite coordinates in the shown part of space, which has a
 // radius of 1, at equal steps.

@@ -58,12 +58,12 @@ export class SceneView {
     this.through = null;  // the image of the camera through which one looks
     this.onRender = () => {};
     this.onThrough = () => {};  // (image, px from the middle to the edges) or (null)
-    const isSoftware = !hasGraphicsProcessor();
-    this.budget = FIRST_BUDGET[isSoftware ? 'software' : 'hardware'];
+    this.isSoftware = !hasGraphicsProcessor();
+    this.budget = FIRST_BUDGET[this.isSoftware ? 'software' : 'hardware'];
     this.viewNumber = 0;  // of the picture on the canvas
     // The last picture is kept, so that points can be added to it.
     this.renderer = new WebGLRenderer(
-        {canvas, alpha: true, antialias: !isSoftware, preserveDrawingBuffer: true});
+        {canvas, alpha: true, antialias: !this.isSoftware, preserveDrawingBuffer: true});
     this.renderer.autoClear = false;
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(FOV_DEG, 1, 1e-4, 100);
@@ -75,7 +75,7 @@ export class SceneView {
     this.controls.addEventListener('start', () => this.touch());
     this.isTouched = false;  // by a person, who chose the view
     // Software draws what moves with few points, so it does not swing.
-    this.isSwinging = !isSoftware && !matchMedia('(prefers-reduced-motion)').matches;
+    this.isSwinging = !this.isSoftware && !matchMedia('(prefers-reduced-motion)').matches;
     this.isSeen = true;
     new IntersectionObserver(([entry]) => {
       this.isSeen = entry.isIntersecting;
@@ -492,7 +492,7 @@ export class SceneView {
 
   disposeObject(object) {
     object.geometry.dispose();
-    object.material.map?.dispose();
+    object.material.uniforms?.map?.value?.dispose();
     object.material.dispose();
     this.scene.remove(object);
   }
@@ -532,13 +532,15 @@ export class SceneView {
     this.points.geometry.setDrawRange(0, Math.min(0.6 * budget, this.numPoints(), maxPoints));
     this.frames.geometry.setDrawRange(0, Math.min(0.1 * budget, data.numFrames));
     const isCoarse = data.numFrames * POINTS_PER_LINE > 0.3 * budget;
-    this.showChosen(isCoarse, budget > 2 * MIN_BUDGET);
+    // What software draws slowly is for a view at rest.
+    const isDetailed = !this.isSoftware || budget === Infinity;
+    this.showChosen(isCoarse, isDetailed);
     const ratio = this.renderer.getPixelRatio();
     const {size, spread} = this.points.material.uniforms;
     // On a photo, points are marks of one size.
     const isOutside = this.through === null;
     size.value = options.pointSize * ratio * (isOutside ? 1 : 2);
-    spread.value = isOutside ? 0.5 * options.pointSize * ratio * spacing * this.focalPx() : 0;
+    spread.value = isOutside && isDetailed ? 0.5 * options.pointSize * ratio * spacing * this.focalPx() : 0;
     this.highlight.material.uniforms.size.value = (options.pointSize + 1) * ratio;
     this.frames.material.uniforms.size.value = 3 * ratio;
     this.bodies.size = this.bodySize();
@@ -552,7 +554,7 @@ export class SceneView {
   }
 
   // Through a camera, only points are seen, on its photo.
-  showChosen(isCoarse, isFast) {
+  showChosen(isCoarse, isDetailed) {
     const {options} = this;
     const isOutside = this.through === null;
     const choices = [
@@ -562,7 +564,7 @@ export class SceneView {
       [this.seamLines, options.showPath && isOutside],
       [this.truthLines, options.showTruth && isOutside],
       [this.otherLines, options.showOther && isOutside],
-      [this.grid, options.showGrid && isFast && isOutside],
+      [this.grid, options.showGrid && isDetailed && isOutside],
     ];
     for (const [object, isShown] of choices) object.visible = isShown;
     this.photos.setVisible(isOutside && options.showCameras);
