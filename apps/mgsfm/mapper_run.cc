@@ -215,8 +215,8 @@ void KeepGeoOrigin(const fs::path& input_path, const MapperResult& result,
 std::string PageUrl(const std::string& image_path,
                     const fs::path& page_folder) {
   if (image_path.empty()) return "";
-  return fs::proximate(image_path, fs::absolute(page_folder)).generic_string() +
-         "/";
+  const fs::path folder = page_folder.empty() ? "." : page_folder;
+  return fs::proximate(image_path, folder).generic_string() + "/";
 }
 
 RunDescription DescribeInput(const MapperRun& run, const Context& context) {
