@@ -506,7 +506,7 @@ def test_a_picture_replaces_the_view_without_webgl(drive, report):
     page.send("Page.addScriptToEvaluateOnNewDocument",
               source="HTMLCanvasElement.prototype.getContext = () => null")
     page.send("Page.reload")
-    page.wait_for("document.querySelector('#plan p')")
+    page.wait_for("Boolean(document.querySelector('#plan p'))")
     _, top, _, bottom = rectangle(page, "#plan svg")
     assert bottom - top > 100
     assert rectangle(page, "#view")[3] == 0
