@@ -19,6 +19,7 @@
 #include "mgsfm/report_page/figures.h"
 #include "mgsfm/report_page/report_page.h"
 #include "models/model_placement.h"
+#include "models/point_colors.h"
 
 namespace mgsfm {
 namespace {
@@ -36,7 +37,9 @@ struct ReportCommandOptions {
                                     "Show unregistered images and rejected "
                                     "pairs from this database of the model."};
   Option<std::string> image_path{
-      "image_path", "", "Show thumbnails of the images in this folder."};
+      "image_path", "",
+      "Show the images in this folder, and take the colors of points from "
+      "them if the model has none."};
   Option<std::string> compare_path{
       "compare_path", "",
       "Compare with the model in this folder of the same images."};
@@ -255,17 +258,33 @@ void WriteFigures(const fs::path& folder, const ReportPageInput& page,
   context.Info("figures: " + folder.string());
 }
 
+// Colors the points of a model without colors, if its images are known.
+void AddMissingColors(const std::string& image_path, ShownModel* model,
+                      const Context& context) {
+  const std::vector<Point3D>& points = model->reconstruction.points;
+  const bool has_colors = std::any_of(
+      points.begin(), points.end(),
+      [](const Point3D& point) { return point.color != Point3D().color; });
+  if (has_colors || image_path.empty()) return;
+  ColorPoints(model->scene, image_path, context, &model->reconstruction);
+}
+
 int RunReportCommand(const ReportCommandOptions& options,
                      const Context& context) {
   CheckUsage(options);
-  const ShownModel model = LoadShownModel(options, context);
+  ShownModel model = LoadShownModel(options, context);
   const RunReport report = FindReport(*options.input_path);
   if (!model.view_graph) WarnOfOtherReport(report, model.scene, context);
+  AddMissingColors(options.image_path, &model, context);
   ReportPageInput page{options.input_path, model.scene, model.reconstruction};
   if (model.view_graph) page.view_graph = &*model.view_graph;
   page.report_json = report.json;
   page.model_idx = report.model_idx;
   page.image_path = options.image_path;
+  page.image_url =
+      PageUrl(options.image_path, fs::path(*options.output_path).parent_path());
+  page.is_east_north_up =
+      fs::is_regular_file(fs::path(*options.input_path) / "geo_origin.json");
   page.frame_confidence =
       ReadConfidence(*options.input_path, model.scene, context);
   if (!options.gt_path->empty()) {

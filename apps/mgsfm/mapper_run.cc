@@ -49,23 +49,27 @@ auto UsePoses(const Scene& scene, const MapperModel& model, const Use& use) {
                             model.soft_rig_images->cam_from_world));
 }
 
-std::string MakePage(const std::string& title, const std::string& image_path,
+std::string MakePage(const fs::path& folder, const std::string& image_path,
                      const MapperInput& input, const MapperResult& result,
                      size_t model_idx, const std::string& report_json,
                      const Context& context) {
   const MapperModel& model = result.models[model_idx];
-  return UsePoses(input.scene, model,
-                  [&](const Scene& scene, const Reconstruction& poses) {
-                    ReportPageInput page{title, scene, poses};
-                    page.view_graph = &input.view_graph;
-                    page.report_json = report_json;
-                    page.model_idx = model_idx;
-                    page.image_path = image_path;
-                    if (!HasSeparateImages(model)) {
-                      page.frame_confidence = model.confidence.of_frame;
-                    }
-                    return MakeReportPage(page, ReportPageOptions(), context);
-                  });
+  return UsePoses(
+      input.scene, model, [&](const Scene& scene, const Reconstruction& poses) {
+        ReportPageInput page{folder.string(), scene, poses};
+        page.view_graph = &input.view_graph;
+        page.report_json = report_json;
+        page.model_idx = model_idx;
+        page.image_path = image_path;
+        page.image_url = PageUrl(image_path, folder);
+        page.is_east_north_up = model.position_priors &&
+                                model.position_priors->is_registered &&
+                                input.position_priors.origin_wgs84;
+        if (!HasSeparateImages(model)) {
+          page.frame_confidence = model.confidence.of_frame;
+        }
+        return MakeReportPage(page, ReportPageOptions(), context);
+      });
 }
 
 // Writes report.html into the folder of each model of a run. Returns the page
@@ -82,8 +86,8 @@ std::string WriteReportPages(const fs::path& output_path,
     const fs::path folder = output_path / std::to_string(i);
     const fs::path path = folder / kReportPageFileName;
     try {
-      std::string page = MakePage(folder.string(), image_path, input, result, i,
-                                  report_json, context);
+      std::string page =
+          MakePage(folder, image_path, input, result, i, report_json, context);
       ReplaceFile(path, page);
       if (i == 0) first_page = std::move(page);
     } catch (const std::exception& error) {
@@ -218,6 +222,13 @@ void KeepGeoOrigin(const fs::path& input_path, const MapperResult& result,
 }
 
 }  // namespace
+
+std::string PageUrl(const std::string& image_path,
+                    const fs::path& page_folder) {
+  if (image_path.empty()) return "";
+  const fs::path folder = page_folder.empty() ? "." : page_folder;
+  return fs::proximate(image_path, folder).generic_string() + "/";
+}
 
 RunDescription DescribeInput(const MapperRun& run, const Context& context) {
   RunDescription description;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 #include "baselines/mapper_baselines.h"
@@ -54,6 +55,10 @@ struct StartUse {
 // model, and that model. Priors are not loaded. Throws Error for bad input.
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context);
+
+// The folder of images as a page in another folder reaches it; "" for none.
+std::string PageUrl(const std::string& image_path,
+                    const std::filesystem::path& page_folder);
 
 // The description of a run and its input in the report.
 RunDescription DescribeInput(const MapperRun& run, const Context& context);

@@ -1,33 +1,56 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The objects of the 3D view.
-import {BufferAttribute, BufferGeometry, InstancedBufferAttribute,
-        InstancedBufferGeometry, LineBasicMaterial, LineSegments, Points,
-        ShaderMaterial} from 'three';
+import {BufferAttribute, BufferGeometry, DoubleSide, InstancedBufferAttribute,
+        InstancedBufferGeometry, LineBasicMaterial, LineSegments, Mesh,
+        Points, ShaderMaterial, Texture, Vector2, Vector3} from 'three';
+
+// What fades with the distance, in all materials that use it.
+export const fog = {
+  fogColor: {value: new Vector3()},
+  fogRange: {value: new Vector2(1, 2)},  // where it begins and is complete
+  fogShare: {value: 0.75},               // what it covers then
+};
 
 const POINT_VERTEX = `
 attribute vec3 tint;
 uniform float size;
+uniform float spread;
+uniform vec3 fogColor;
+uniform vec2 fogRange;
+uniform float fogShare;
 varying vec3 vTint;
 void main() {
-  vTint = tint;
-  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-  gl_PointSize = size;
+  vec4 place = modelViewMatrix * vec4(position, 1.0);
+  gl_Position = projectionMatrix * place;
+  gl_PointSize = clamp(spread / -place.z, size, 4.0 * size);
+  vTint = mix(tint, fogColor, fogShare * smoothstep(fogRange.x, fogRange.y, -place.z));
+}`;
+
+// Round, and shaded like balls.
+const POINT_FRAGMENT = `
+varying vec3 vTint;
+void main() {
+  vec2 place = 2.0 * gl_PointCoord - 1.0;
+  float radius = dot(place, place);
+  if (radius > 1.0) discard;
+  gl_FragColor = vec4(vTint * (1.0 - 0.3 * radius), 1.0);
 }`;
 
 const FLAT_FRAGMENT = `
 varying vec3 vTint;
 void main() { gl_FragColor = vec4(vTint, 1.0); }`;
 
-// Points with a color each, of a size in pixels.
+// Points with a color each. Their uniforms are `size`, the least diameter in
+// pixels, and `spread`, the diameter at a distance of 1.
 export function makePoints(positions, size) {
   const geometry = new BufferGeometry();
   geometry.setAttribute('position', new BufferAttribute(positions, 3));
   geometry.setAttribute(
       'tint', new BufferAttribute(new Uint8Array(positions.length), 3, true));
   const material = new ShaderMaterial({
-    uniforms: {size: {value: size}},
+    uniforms: {size: {value: size}, spread: {value: 0}, ...fog},
     vertexShader: POINT_VERTEX,
-    fragmentShader: FLAT_FRAGMENT,
+    fragmentShader: POINT_FRAGMENT,
   });
   const points = new Points(geometry, material);
   points.frustumCulled = false;
@@ -43,6 +66,89 @@ export function setPointColors(points, colorOf) {
     tint.array[3 * i + 2] = 255 * b;
   }
   tint.needsUpdate = true;
+}
+
+const GRID_VERTEX = `
+uniform vec3 middle;
+varying vec3 vPlace;
+void main() {
+  vPlace = position - middle;
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+
+const GRID_FRAGMENT = `
+uniform float radius;
+varying vec3 vPlace;
+void main() {
+  gl_FragColor = vec4(0.55, 0.65, 0.8, 0.3 * smoothstep(radius, 0.2 * radius, length(vPlace)));
+}`;
+
+// The edges of squares of `step` along two axes of the plane through `middle`,
+// that fade out at `radius`. Edges are short, since software renderers omit
+// lines that pass the viewer.
+export function makeGrid(middle, axes, step, radius) {
+  const count = Math.ceil(radius / step);
+  const positions = [];
+  for (const [along, across] of [axes, [axes[1], axes[0]]]) {
+    for (let i = -count; i <= count; ++i) {
+      for (let k = -count; k < count; ++k) {
+        for (const end of [k, k + 1]) {
+          positions.push(...middle.clone().addScaledVector(across, i * step)
+                             .addScaledVector(along, end * step).toArray());
+        }
+      }
+    }
+  }
+  const geometry = new BufferGeometry();
+  geometry.setAttribute('position', new BufferAttribute(Float32Array.from(positions), 3));
+  const grid = new LineSegments(geometry, new ShaderMaterial({
+    uniforms: {middle: {value: middle}, radius: {value: radius}},
+    vertexShader: GRID_VERTEX,
+    fragmentShader: GRID_FRAGMENT,
+    transparent: true,
+    depthWrite: false,
+  }));
+  grid.frustumCulled = false;
+  return grid;
+}
+
+const PHOTO_VERTEX = `
+varying vec2 vPlace;
+void main() {
+  vPlace = uv;
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+
+const PHOTO_FRAGMENT = `
+uniform sampler2D map;
+varying vec2 vPlace;
+void main() { gl_FragColor = texture2D(map, vPlace); }`;
+
+// A picture in the image plane of a camera, whose corners are given row by row.
+export function makePhoto(corners, jpeg, onLoad) {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute(
+      'position', new BufferAttribute(Float32Array.from(corners.flatMap((p) => p.toArray())), 3));
+  geometry.setAttribute(
+      'uv', new BufferAttribute(new Float32Array([0, 0, 1, 0, 0, 1, 1, 1]), 2));
+  geometry.setIndex([0, 1, 2, 2, 1, 3]);
+  const photo = new Mesh(geometry, new ShaderMaterial({
+    uniforms: {map: {value: null}},
+    vertexShader: PHOTO_VERTEX,
+    fragmentShader: PHOTO_FRAGMENT,
+    side: DoubleSide,
+  }));
+  photo.frustumCulled = false;
+  photo.visible = false;
+  createImageBitmap(new Blob([jpeg], {type: 'image/jpeg'})).then((bitmap) => {
+    const texture = new Texture(bitmap);
+    texture.flipY = false;
+    texture.needsUpdate = true;
+    photo.material.uniforms.map.value = texture;
+    photo.visible = true;
+    onLoad();
+  }, () => {});  // without a picture, the edges remain
+  return photo;
 }
 
 // A camera: the edges of its pyramid, a mark at the upper edge, and a line to
@@ -116,7 +222,7 @@ export class CameraBodies {
       poses.frameCenter(arrays.image_frame[image])
           .toArray(attributes.rigCenter.array, 3 * count);
       attributes.tangents.array.set(
-          header.sensors[arrays.image_sensor[image]].half_view_tangents,
+          header.sensors[arrays.image_sensor[image]].view_tangents.slice(0, 2),
           2 * count);
       attributes.tint.array.set(colorOf(image), 3 * count);
       ++count;
@@ -155,6 +261,42 @@ export function pathSegments(positions, maxLength) {
     const b = positions.subarray(i, i + 3);
     const length = Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
     if (length <= maxLength) segments.push(...a, ...b);
+  }
+  return Float32Array.from(segments);
+}
+
+// Numbers below `size` in an order of which each prefix is spread evenly.
+export function evenOrder(size) {
+  const golden = 0.6180339887498949;
+  return Array.from({length: size}, (_, i) => i)
+      .sort((a, b) => (a * golden) % 1 - (b * golden) % 1);
+}
+
+// Every k-th position of a path, so that at most `size` are left.
+export function thinOut(path, size) {
+  const step = Math.ceil(path.length / 3 / size);
+  const positions = [];
+  for (let i = 0; i < path.length; i += 3 * step) {
+    positions.push(path[i], path[i + 1], path[i + 2]);
+  }
+  return Float32Array.from(positions);
+}
+
+// A cross on each seam, and the line between the frames beside it.
+export function seamMarks(seams, path, size) {
+  const segments = [];
+  for (const [before, after] of seams) {
+    const ends = [before, after].map(
+        (frame) => new Vector3().fromArray(path, 3 * frame));
+    segments.push(...ends[0].toArray(), ...ends[1].toArray());
+    const middle = ends[0].lerp(ends[1], 0.5);
+    for (let axis = 0; axis < 3; ++axis) {
+      for (const sign of [-1, 1]) {
+        const tip = middle.clone();
+        tip.setComponent(axis, tip.getComponent(axis) + sign * size);
+        segments.push(...tip.toArray());
+      }
+    }
   }
   return Float32Array.from(segments);
 }

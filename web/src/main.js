@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
-import {Details, formatNumber} from './details.js';
+import {Details, formatNumber, frameImages, marksOf, picture} from './details.js';
+import {roundLength} from './framing.js';
 import {LiveRun} from './live.js';
 import {addSidePoints, isRegistered, readPageData} from './page_data.js';
-import {buildControls} from './panel.js';
+import {setUpPairs} from './pair.js';
+import {buildControls, buildTools} from './panel.js';
+import {Photos} from './photos.js';
+import {linkOf, savePicture, saveVideo, showLink} from './saving.js';
 import {SceneView} from './scene_view.js';
 import {loadSideFiles} from './side_points.js';
+import {Vector3} from 'three';
 
 const FRAMES_PER_SECOND = 10;
 const MAX_CLICK_MOVE_PX = 5;
@@ -32,12 +37,18 @@ class Page {
     byId('view').hidden = false;
     this.measured = null;  // positions while measuring
     this.view = new SceneView(byId('stage'), byId('canvas'), data);
-    this.view.onRender = () => this.placeLabels();
+    this.view.onRender = () => {
+      this.placeLabels();
+      this.showScale();
+    };
+    this.view.onThrough = (image, edges) => this.showThrough(image, edges);
+    this.setUpTools();
     this.setUpTime();
     this.setUpPointer();
     this.setUpKeys();
     this.setUpPrint();
     this.show(data);
+    showLink(location.hash, this);
   }
 
   // Shows other data in the same view.
@@ -48,17 +59,17 @@ class Page {
 
   show(data) {
     this.data = data;
+    this.photos?.dispose();
+    this.photos = new Photos(data);
+    setUpPairs(this.photos);
     this.details?.show(null);
-    this.details = new Details(byId('details'), data, this.view,
+    this.details = new Details(byId('details'), this.photos, this.view,
                                (selection) => this.select(selection));
     if (this.measured) this.toggleMeasure();
     byId('controls').replaceChildren();
-    buildControls(byId('controls'), data, this.view, {
-      reset: () => this.view.resetView(),
-      top: () => this.view.topView(),
-      toggleMeasure: () => this.toggleMeasure(),
-      loadPoints: (button) => this.loadPoints(button),
-    });
+    buildControls(byId('controls'), data, this.view, (button) => this.loadPoints(button));
+    this.north = data.header.north && new Vector3(...data.header.north);
+    byId('north').hidden = !this.north;
     byId('frame').max = Math.max(data.numFrames - 1, 0);
     this.setFrame(this.view.currentFrame);
     this.setHint();
@@ -81,12 +92,91 @@ class Page {
   }
 
   setHint() {
-    byId('hint').textContent = this.measured ?
-        'measure: click two cameras or points' :
-        'drag: turn, wheel: zoom, right button: move, click: details';
+    const isTouch = matchMedia('(pointer: coarse)').matches;
+    byId('hint').textContent = this.measured ? 'measure: click two cameras or points' :
+        this.view.through !== null ? 'through a camera; drag or Esc: back' :
+        isTouch ? 'swipe sideways: turn, two fingers: zoom and move, tap: details' :
+        'drag: turn, click and wheel: zoom, right button: move, click: details';
+  }
+
+  // ---------------------------------------------------------------- tools
+
+  setUpTools() {
+    const {view} = this;
+    const section = byId('view');
+    buildTools(byId('tools'), {
+      reset: () => view.resetView(),
+      top: () => view.topView(),
+      toggleMeasure: () => this.toggleMeasure(),
+      savePicture: () => savePicture(view),
+      saveVideo: () => saveVideo(view, byId('save_video')),
+      copyLink: async () => {
+        const link = linkOf(this);
+        history.replaceState(null, '', link);
+        await navigator.clipboard?.writeText(location.href).catch(() => {});
+        byId('hint').textContent = 'the address of this page is now a link to this view';
+      },
+      toggleFullScreen: () => (document.fullscreenElement ? document.exitFullscreen() :
+                                                            section.requestFullscreen()),
+    });
+    byId('full_screen').hidden = !section.requestFullscreen;
+    byId('save_video').hidden = !window.MediaRecorder;
+    for (const kind of ['pointerdown', 'keydown']) {
+      section.addEventListener(kind, () => { view.isSwinging = false; });
+    }
+    // The wheel scrolls the page until the view has been clicked; pinching on a
+    // touchpad is a wheel with Ctrl.
+    byId('stage').addEventListener('wheel', (event) => {
+      view.controls.enableZoom = event.ctrlKey || document.activeElement === byId('stage');
+    }, {capture: true});
+    byId('stage').addEventListener('pointerleave', (event) => {
+      if (event.pointerType === 'mouse' && !event.buttons) byId('stage').blur();
+    });
+    byId('canvas').style.touchAction = 'pan-y';
+    // Warnings and tables refer to frames.
+    document.addEventListener('click', (event) => {
+      const frame = this.data.frameNames.indexOf(event.target.dataset?.frame);
+      if (frame >= 0) this.goToFrame(frame);
+    });
+  }
+
+  // Shows a frame from near by.
+  goToFrame(frame) {
+    this.view.touch();
+    this.setFrame(frame);
+    this.view.goTo(frame);
+  }
+
+  showThrough(image, edges) {
+    const photo = byId('photo');
+    photo.replaceChildren();
+    this.setHint();
+    if (image === null) return;
+    const [left, upper, right, lower] = edges;
+    photo.style.transform = `translate(${-left}px, ${-upper}px)`;
+    photo.style.width = `${left + right}px`;
+    photo.style.height = `${upper + lower}px`;
+    photo.append(picture(this.photos, image, marksOf(this.data, image)));
+  }
+
+  // A bar of a round length at the distance of the middle of the view.
+  showScale() {
+    const {view} = this;
+    const distance = view.camera.position.distanceTo(view.controls.target);
+    const pxPerUnit = view.focalPx() / (distance * view.poses.unit);
+    const length = roundLength(120 / pxPerUnit);
+    const [bar, label] = byId('scale').querySelectorAll(':scope > i, :scope > i + span');
+    byId('scale').style.visibility = view.through === null ? '' : 'hidden';
+    bar.style.width = `${length * pxPerUnit}px`;
+    const {unit} = this.data.header;
+    label.textContent = `${length} ${length === 1 ? unit.replace('units', 'unit') : unit}` + (view.options.showGrid ? `, grid ${view.gridStep} ${unit}` : '');
+    if (!this.north) return;
+    const tip = this.north.clone().transformDirection(view.camera.matrixWorldInverse);
+    byId('north').style.transform = `rotate(${Math.atan2(tip.x, tip.y)}rad)`;
   }
 
   select(selection) {
+    if (this.view.through !== selection?.image) this.view.leaveCamera();
     this.view.select(selection);
     this.details.show(selection);
     if (selection?.image !== undefined) {
@@ -111,6 +201,8 @@ class Page {
     byId('frame_name').textContent = `${shown * data.header.frame_step}: ${data.frameNames[shown]}` +
         (isRegistered(data, shown) ? '' : ` – not registered${reason ? `: ${reason}` : ''}`);
     this.view.setFrame(shown);
+    byId('frame_images').replaceChildren(
+        ...frameImages(this.photos, shown, (selection) => this.select(selection)));
   }
 
   togglePlay() {
@@ -177,7 +269,8 @@ class Page {
     const place = this.view.project(from.clone().lerp(to, 0.5));
     if (!place) return;
     const label = document.createElement('span');
-    label.textContent = formatNumber(from.distanceTo(to) * this.view.poses.unit);
+    label.textContent =
+        `${formatNumber(from.distanceTo(to) * this.view.poses.unit)} ${this.data.header.unit}`;
     label.style.left = `${place.x}px`;
     label.style.top = `${place.y}px`;
     labels.append(label);
@@ -207,6 +300,7 @@ class Page {
       const action = actions[event.key];
       if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
       event.preventDefault();
+      view.isTouched = true;
       action();
     });
     byId('canvas').addEventListener('pointerdown', () => byId('stage').focus({preventScroll: true}));
@@ -217,15 +311,14 @@ class Page {
   // A canvas is printed empty; a picture is not.
   setUpPrint() {
     const canvas = byId('canvas');
-    let picture = null;
+    const image = document.createElement('img');
+    image.style.width = '100%';
     addEventListener('beforeprint', () => {
       this.view.render(Infinity);
-      picture = document.createElement('img');
-      picture.src = canvas.toDataURL('image/png');
-      picture.style.width = '100%';
-      canvas.replaceWith(picture);
+      image.src = canvas.toDataURL('image/png');
+      canvas.replaceWith(image);
     });
-    addEventListener('afterprint', () => picture?.replaceWith(canvas));
+    addEventListener('afterprint', () => image.replaceWith(canvas));
   }
 }
 
@@ -239,8 +332,13 @@ function showScene(header, base64) {
       window.mgsfmPage = new Page(data);
     }
   } catch (error) {
-    byId('view').hidden = false;
-    byId('hint').textContent = `The 3D view needs WebGL: ${error.message}`;
+    console.warn(error);
+    byId('view').hidden = true;
+    const note = document.createElement('p');
+    note.textContent = `This browser does not draw the 3D view (${error.message}). ` +
+        'The model from above:';
+    byId('plan')?.prepend(note);
+    byId('plan')?.removeAttribute('hidden');
   }
 }
 
@@ -252,6 +350,7 @@ function showModel(model) {
 }
 
 setUpTheme();
+byId('written').textContent = `Written ${document.lastModified}. `;
 const header = JSON.parse(byId('header').textContent);
 if (header.is_live) {
   window.mgsfmLiveRun = new LiveRun(showModel);

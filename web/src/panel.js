@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The controls below the 3D view.
+// The controls in and beside the 3D view.
 import {cssColor, sequentialColor} from './colors.js';
-import {element, formatNumber} from './details.js';
+import {count, element, formatNumber} from './details.js';
 
 function select(label, id, choices, chosen, onChange) {
   const list = element('select', {id});
@@ -10,14 +10,14 @@ function select(label, id, choices, chosen, onChange) {
   }
   list.value = chosen;
   list.addEventListener('change', () => onChange(list.value));
-  return element('label', {}, [label, list]);
+  return element('label', {className: 'wide'}, [label, list]);
 }
 
 function slider(label, id, [min, max, step, value], onInput) {
   const input = element('input', {id, type: 'range', min, max, step});
   input.value = value;
   input.addEventListener('input', () => onInput(Number(input.value)));
-  return element('label', {}, [label, input]);
+  return element('label', {className: 'wide'}, [label, input]);
 }
 
 function check(label, id, isOn, onChange) {
@@ -50,8 +50,21 @@ export function showLegend(view) {
   }
 }
 
-// `actions`: reset, top, toggleMeasure, loadPoints.
-export function buildControls(root, data, view, actions) {
+// The buttons in the 3D view. `actions` has a function for each.
+export function buildTools(root, actions) {
+  root.append(
+      button('whole', 'reset', 'show everything (r)', actions.reset),
+      button('from above', 'top', 'view from above (t)', actions.top),
+      button('measure', 'measure', 'distance between two cameras or points (m)',
+             actions.toggleMeasure),
+      button('picture', 'save_picture', 'save the view as PNG', actions.savePicture),
+      button('video', 'save_video', 'save a turn about the model as WebM', actions.saveVideo),
+      button('link', 'copy_link', 'copy a link to this view', actions.copyLink),
+      button('full screen', 'full_screen', 'fill the screen', actions.toggleFullScreen));
+}
+
+// `loadPoints(button)` loads the points beside the page.
+export function buildControls(root, data, view, loadPoints) {
   const {options} = view;
   const {arrays} = data;
   const change = (key) => (value) => {
@@ -69,14 +82,11 @@ export function buildControls(root, data, view, actions) {
   if (arrays.truth_center) cameraColors.push(['truth', 'error against the truth']);
   if (arrays.other_center) cameraColors.push(['other', 'difference to the other model']);
   root.append(
-      button('reset', 'reset', 'show everything (r)', actions.reset),
-      button('top', 'top', 'view from above (t)', actions.top),
-      button('measure', 'measure', 'distance between two cameras or points (m)',
-             actions.toggleMeasure),
       select('cameras by', 'camera_color', cameraColors, options.cameraColor,
              recolor('cameraColor')),
       select('points by', 'point_color',
-             [['color', 'color'], ['error', 'reprojection error'], ['length', 'track length']],
+             [...(view.hasColors ? [['color', 'color']] : []), ['height', 'height'],
+              ['error', 'reprojection error'], ['length', 'track length']],
              options.pointColor, recolor('pointColor')),
       slider('point size', 'point_size', [1, 8, 0.5, options.pointSize], change('pointSize')),
       slider('camera size', 'camera_size', [-1.5, 1.5, 0.1, Math.log10(options.cameraSize)],
@@ -87,7 +97,8 @@ export function buildControls(root, data, view, actions) {
       }),
       check('cameras', 'show_cameras', options.showCameras, change('showCameras')),
       check('points', 'show_points', options.showPoints, change('showPoints')),
-      check('path', 'show_path', options.showPath, change('showPath')));
+      check('path', 'show_path', options.showPath, change('showPath')),
+      check('grid', 'show_grid', options.showGrid, change('showGrid')));
   if (arrays.truth_center) {
     root.append(check('ground truth (green)', 'show_truth', options.showTruth, change('showTruth')));
   }
@@ -96,8 +107,8 @@ export function buildControls(root, data, view, actions) {
   }
   if (data.header.side_points) {
     const {num_points: numPoints} = data.header.side_points;
-    const load = button(`load all ${numPoints.toLocaleString('en')} points`, 'load_points',
-                        'from the files beside this page', () => actions.loadPoints(load));
+    const load = button(`load all ${count(numPoints)} points`, 'load_points',
+                        'from the files beside this page', () => loadPoints(load));
     root.append(load);
   }
   root.append(element('div', {id: 'legend'}));

@@ -2,8 +2,11 @@
 // The 3D view: what is drawn, from where, and what lies under the pointer.
 import {PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer} from 'three';
 import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
+import {BodyPhotos, SCALE_OF_CURRENT} from './body_photos.js';
 import {cameraColoring, pointColoring} from './coloring.js';
-import {CameraBodies, makeLines, makePoints, pathSegments, setLines, setPointColors} from './drawables.js';
+import {CameraBodies, evenOrder, fog, makeGrid, makeLines, makePoints, pathSegments, seamMarks, setLines,
+        setPointColors, thinOut} from './drawables.js';
+import {fitView, measureModel, roundLength, sideDirection, topDirection} from './framing.js';
 import {isRegistered} from './page_data.js';
 import {pickCamera, pickPoint} from './picking.js';
 import {Poses} from './poses.js';
@@ -11,6 +14,7 @@ import {Poses} from './poses.js';
 const MAX_NEAR_CAMERAS = 2000;  // drawn as bodies because they are large
 const MAX_FAR_CAMERAS = 300;    // drawn at equal steps in time
 const MIN_BODY_PX = 4;
+const FOV_DEG = 45;
 
 // While the view moves, it is drawn with a budget of points that follows the
 // speed of the computer; when it rests, everything is drawn.
@@ -24,7 +28,11 @@ const POINTS_PER_LINE = 4, POINTS_PER_CAMERA = 40;
 // the computer permits.
 const FIRST_STEP = 100000, MIN_STEP = 20000;
 
+// Until somebody touches it, the view swings about the model.
+const SWING_RAD = 0.3, SWING_MS = 30000;
+
 const BAD = [0.84, 0.29, 0.32];
+const PATH = 0xd5e6ff;
 const SELECTED = [0.9, 0.15, 0.55];
 
 function hasGraphicsProcessor() {
@@ -37,50 +45,42 @@ function hasGraphicsProcessor() {
   return !/swiftshader|llvmpipe|software|basic render/i.test(renderer);
 }
 
-// Numbers below `size` in an order of which each prefix is spread evenly.
-function evenOrder(size) {
-  const golden = 0.6180339887498949;
-  return Array.from({length: size}, (_, i) => i)
-      .sort((a, b) => (a * golden) % 1 - (b * golden) % 1);
-}
-
-// Every k-th position of a path, so that at most `size` are left.
-function thinOut(path, size) {
-  const step = Math.ceil(path.length / 3 / size);
-  const positions = [];
-  for (let i = 0; i < path.length; i += 3 * step) {
-    positions.push(path[i], path[i + 1], path[i + 2]);
-  }
-  return Float32Array.from(positions);
-}
-
 export class SceneView {
   constructor(stage, canvas, data) {
     this.stage = stage;
     this.options = {
-      cameraColor: 'camera', pointColor: 'color', pointSize: 2, cameraSize: 1,
+      cameraColor: 'camera', pointColor: null, pointSize: 2, cameraSize: 1,
       showCameras: true, showPoints: true, showPath: true, showTruth: true,
-      showOther: true, follow: false,
+      showGrid: true, showOther: true, follow: false,
     };
     this.currentFrame = 0;
     this.selection = null;  // {image} or {point}
+    this.through = null;  // the image of the camera through which one looks
     this.onRender = () => {};
-    const isSoftware = !hasGraphicsProcessor();
-    this.budget = FIRST_BUDGET[isSoftware ? 'software' : 'hardware'];
+    this.onThrough = () => {};  // (image, px from the middle to the edges) or (null)
+    this.isSoftware = !hasGraphicsProcessor();
+    this.budget = FIRST_BUDGET[this.isSoftware ? 'software' : 'hardware'];
     this.viewNumber = 0;  // of the picture on the canvas
     // The last picture is kept, so that points can be added to it.
     this.renderer = new WebGLRenderer(
-        {canvas, alpha: true, antialias: !isSoftware, preserveDrawingBuffer: true});
+        {canvas, alpha: true, antialias: !this.isSoftware, preserveDrawingBuffer: true});
     this.renderer.autoClear = false;
     this.scene = new Scene();
-    this.camera = new PerspectiveCamera(45, 1, 1e-4, 100);
+    this.camera = new PerspectiveCamera(FOV_DEG, 1, 1e-4, 100);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = true;
     this.controls.dampingFactor = 0.12;
     this.controls.zoomToCursor = true;
     this.controls.addEventListener('change', () => this.requestRender());
-    this.controls.addEventListener('start', () => { this.isTouched = true; });
+    this.controls.addEventListener('start', () => this.touch());
     this.isTouched = false;  // by a person, who chose the view
+    // Software draws what moves with few points, so it does not swing.
+    this.isSwinging = !this.isSoftware && !matchMedia('(prefers-reduced-motion)').matches;
+    this.isSeen = true;
+    new IntersectionObserver(([entry]) => {
+      this.isSeen = entry.isIntersecting;
+      this.requestRender();
+    }).observe(stage);
     this.setData(data);
     new ResizeObserver(() => this.resize()).observe(stage);
     this.resize();
@@ -110,20 +110,14 @@ export class SceneView {
   }
 
   replaceObjects() {
-    for (const object of [...this.scene.children]) {
-      object.geometry.dispose();
-      object.material.dispose();
-      this.scene.remove(object);
-    }
+    for (const object of [...this.scene.children]) this.disposeObject(object);
     this.makeObjects();
   }
 
   // The points after more of them have been loaded.
   updatePoints() {
     const {scene, points} = this;
-    scene.remove(points);
-    points.geometry.dispose();
-    points.material.dispose();
+    this.disposeObject(points);
     this.points = this.makePointCloud();
     scene.add(this.points);
     this.recolor();
@@ -141,7 +135,12 @@ export class SceneView {
     this.step = poses.medianStep() || 0.02;
     this.path = poses.pathPositions();
     this.points = this.makePointCloud();
+    this.shape = measureModel(this.path, this.points.geometry.attributes.position.array, this.up,
+                              3 * this.step);
+    this.grid = this.makeGround();
+    this.photos = new BodyPhotos(this);
     this.hasColors = arrays.point_color.some((value) => value > 0);
+    this.options.pointColor ??= this.hasColors ? 'color' : 'height';
     this.markedFrames = evenOrder(data.numFrames);
     const marks = new Float32Array(3 * data.numFrames);
     this.markedFrames.forEach((frame, i) => {
@@ -156,39 +155,27 @@ export class SceneView {
       if (!isRegistered(data, i)) registered.fill(NaN, 3 * i, 3 * i + 3);
     }
     const maxStep = 20 * this.step;
-    this.pathLines = makeLines(pathSegments(registered, maxStep), 0x7d8794);
+    this.pathLines = makeLines(pathSegments(registered, maxStep), PATH);
     const thin = thinOut(registered, 300);
     this.coarsePath = makeLines(
-        pathSegments(thin, maxStep * registered.length / thin.length), 0x7d8794);
-    this.truthLines = this.makeOtherPath('truth_center', 0x2e8b57);
-    this.otherLines = this.makeOtherPath('other_center', 0x9b59b6);
-    this.seamLines = makeLines(this.seamMarks(), 0xe0483e);
+        pathSegments(thin, maxStep * registered.length / thin.length), PATH);
+    this.truthLines = this.makeOtherPath('truth_center', 0x3ecf8e);
+    this.otherLines = this.makeOtherPath('other_center', 0xc58af9);
+    this.seamLines = makeLines(seamMarks(data.header.seams, this.path, 2 * this.step), 0xff6a5e);
     this.rays = makeLines(new Float32Array(0), 0xe5268c);
     this.measureLine = makeLines(new Float32Array(0), 0xe5268c);
     this.highlight = makePoints(new Float32Array(0), 5);
-    this.scene.add(this.points, this.frames, this.pathLines,
-                   this.coarsePath, this.seamLines, this.truthLines, this.otherLines, this.rays, this.measureLine,
-                   this.highlight, this.bodies.object, this.current.object);
+    this.scene.add(this.points, this.frames, this.pathLines, this.coarsePath, this.seamLines,
+                   this.truthLines, this.otherLines, this.rays, this.measureLine, this.highlight,
+                   this.bodies.object, this.current.object, this.grid);
   }
 
-  // A cross on each seam, and the line between the frames beside it.
-  seamMarks() {
-    const segments = [];
-    const size = 2 * this.step;
-    for (const [before, after] of this.data.header.seams) {
-      const ends = [before, after].map(
-          (frame) => new Vector3().fromArray(this.path, 3 * frame));
-      segments.push(...ends[0].toArray(), ...ends[1].toArray());
-      const middle = ends[0].lerp(ends[1], 0.5);
-      for (let axis = 0; axis < 3; ++axis) {
-        for (const sign of [-1, 1]) {
-          const tip = middle.clone();
-          tip.setComponent(axis, tip.getComponent(axis) + sign * size);
-          segments.push(...tip.toArray());
-        }
-      }
-    }
-    return Float32Array.from(segments);
+  makeGround() {
+    const {middle, along, ground, radius} = this.shape;
+    const {unit} = this.poses;
+    this.gridStep = roundLength(radius * unit / 3);
+    return makeGrid(middle.clone().addScaledVector(this.up, ground - middle.dot(this.up)),
+                    [along, this.up.clone().cross(along)], this.gridStep / unit, 2.5 * radius);
   }
 
   makeOtherPath(name, color) {
@@ -201,8 +188,7 @@ export class SceneView {
   // ------------------------------------------------------------- colors
 
   recolor() {
-    setPointColors(this.points, pointColoring(this.data, this.options.pointColor,
-                                              this.hasColors).colorOf);
+    setPointColors(this.points, pointColoring(this.data, this.options.pointColor).colorOf);
     const {colorOf} = cameraColoring(this.data, this.options.cameraColor);
     const images = this.data.imagesOfFrame;
     setPointColors(this.frames, (i) => {
@@ -217,7 +203,7 @@ export class SceneView {
   // The entries of the legend: [name, css color] or a scale.
   legends() {
     return [cameraColoring(this.data, this.options.cameraColor),
-            pointColoring(this.data, this.options.pointColor, this.hasColors)].filter(
+            pointColoring(this.data, this.options.pointColor)].filter(
         (coloring) => coloring.label || coloring.names);
   }
 
@@ -230,65 +216,52 @@ export class SceneView {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    const color = getComputedStyle(this.stage).backgroundColor.match(/[\d.]+/g);
+    fog.fogColor.value.fromArray(color.map((value) => value / 255));
+    if (this.through !== null) this.lookThrough(this.through);
+    else if (!this.isTouched) this.resetView();
     this.requestRender();
   }
 
-  // The middle and radius of most frames, or of the points without frames.
-  focus() {
-    const positions = this.path.some(Number.isFinite) ?
-        this.path : this.points.geometry.attributes.position.array;
-    const middle = new Vector3();
-    let radius = 0;
-    for (let c = 0; c < 3; ++c) {
-      const values = [];
-      for (let i = c; i < positions.length; i += 3) {
-        if (Number.isFinite(positions[i])) values.push(positions[i]);
-      }
-      values.sort((a, b) => a - b);
-      if (values.length === 0) return {middle, radius: 1};
-      const low = values[Math.floor(0.01 * (values.length - 1))];
-      const high = values[Math.ceil(0.99 * (values.length - 1))];
-      middle.setComponent(c, 0.5 * (low + high));
-      radius = Math.hypot(radius, 0.5 * (high - low));
-    }
-    return {middle, radius: Math.min(Math.max(radius, 3 * this.step, 0.02), 2)};
-  }
+  // The whole model from the side.
+  resetView() { this.lookFrom(sideDirection(this.shape, this.up)); }
 
-  // From behind and above, the direction of travel towards the top.
-  resetView() {
-    const {middle, radius} = this.focus();
-    this.lookFrom(middle, radius, this.behind().addScaledVector(this.up, 0.5));
-  }
+  topView() { this.lookFrom(topDirection(this.shape, this.up)); }
 
-  topView() {
-    const {middle, radius} = this.focus();
-    this.lookFrom(middle, radius,
-                  this.up.clone().addScaledVector(this.behind(), 1e-3));
-  }
-
-  // The horizontal direction against the direction of travel.
-  behind() {
-    const known = [];
-    for (let i = 0; i < this.data.numFrames; ++i) {
-      if (isRegistered(this.data, i)) known.push(i);
-    }
-    const direction = new Vector3();
-    if (known.length > 1) {
-      direction.copy(this.poses.frameCenter(known[0]))
-          .sub(this.poses.frameCenter(known[known.length - 1]));
-    }
-    direction.addScaledVector(this.up, -direction.dot(this.up));
-    if (direction.length() < 1e-6) {
-      direction.set(0.3, 0.7, -0.6).cross(this.up);
-    }
-    return direction.normalize();
-  }
-
-  lookFrom(target, radius, direction) {
-    const distance = 0.9 * radius / Math.tan(0.5 * this.camera.fov * Math.PI / 180);
-    this.camera.position.copy(target)
-        .addScaledVector(direction.normalize(), distance);
+  lookFrom(direction) {
+    this.leaveCamera();
+    const {framed, middle, radius} = this.shape;
+    const tangent = Math.tan(0.5 * this.camera.fov * Math.PI / 180);
+    const {target, distance} = fitView(framed, middle, direction, this.up,
+                                       [tangent * this.camera.aspect, tangent], radius);
+    this.camera.position.copy(target).addScaledVector(direction, distance);
     this.controls.target.copy(target);
+    this.controls.update();
+    this.requestRender();
+  }
+
+  // A person takes over.
+  touch() {
+    this.isTouched = true;
+    this.isSwinging = false;
+    this.leaveCamera();
+  }
+
+  swing(now) {
+    this.swingStart ??= now;
+    const angleAt = (time) => SWING_RAD * Math.sin(2 * Math.PI * (time - this.swingStart) / SWING_MS);
+    this.turn(angleAt(now) - angleAt(this.lastSwing ?? now), 0);
+    this.lastSwing = now;
+  }
+
+  // Looks at a frame from behind it and above.
+  goTo(frame) {
+    const {target} = this.controls;
+    target.fromArray(this.path, 3 * frame);
+    const ahead = new Vector3(0, 0, 1).applyQuaternion(this.poses.worldFromRig(frame));
+    this.camera.position.copy(target).addScaledVector(this.up, 10 * this.bodySize())
+        .addScaledVector(isRegistered(this.data, frame) ? ahead : this.shape.along,
+                         -20 * this.bodySize());
     this.controls.update();
     this.requestRender();
   }
@@ -312,16 +285,38 @@ export class SceneView {
     this.requestRender();
   }
 
-  // Puts the view where a camera of the model is.
+  // Puts the view where a camera of the model is, with its field of view.
   lookThrough(image) {
     const pose = this.poses.camera(image);
     if (!pose) return;
-    const forward = new Vector3(0, 0, 1).applyQuaternion(pose.rotation);
-    const distance = 4 * this.bodySize();
-    this.camera.position.copy(pose.center).addScaledVector(forward, -distance);
-    this.controls.target.copy(pose.center)
-        .addScaledVector(forward, distance);
-    this.controls.update();
+    this.touch();
+    this.through = image;
+    const tangents =
+        this.data.header.sensors[this.data.arrays.image_sensor[image]].view_tangents;
+    const [left, upper, right, lower] = tangents;
+    const {camera} = this;
+    const tangent = 1.02 * Math.max(upper, lower, left / camera.aspect, right / camera.aspect);
+    camera.fov = 2 * Math.atan(tangent) * 180 / Math.PI;
+    camera.position.copy(pose.center);
+    // The axes of cameras point to the right, down and forward.
+    camera.quaternion.copy(pose.rotation).multiply(new Quaternion(1, 0, 0, 0));
+    this.controls.target.copy(pose.center).add(
+        new Vector3(0, 0, 4 * this.bodySize()).applyQuaternion(pose.rotation));
+    const focal = this.focalPx();
+    this.onThrough(image, tangents.map((edge) => edge * focal));
+    this.updateCurrent();
+    this.requestRender();
+  }
+
+  // From its place to one behind it.
+  leaveCamera() {
+    if (this.through === null) return;
+    this.through = null;
+    const {camera, controls} = this;
+    camera.fov = FOV_DEG;
+    camera.position.lerp(controls.target, -1);
+    this.onThrough(null);
+    this.updateCurrent();
     this.requestRender();
   }
 
@@ -331,6 +326,12 @@ export class SceneView {
     const last = this.currentFrame;
     this.currentFrame = frame;
     if (this.options.follow) this.followFrom(last);
+    if (this.through !== null) {
+      const {image_sensor: sensors} = this.data.arrays;
+      const same = this.data.imagesOfFrame[frame].find(
+          (image) => sensors[image] === sensors[this.through]);
+      if (same !== undefined) this.lookThrough(same);
+    }
     this.updateCurrent();
     this.requestRender();
   }
@@ -358,7 +359,7 @@ export class SceneView {
   }
 
   updateCurrent() {
-    const images = this.data.imagesOfFrame[this.currentFrame] ?? [];
+    const images = this.through === null ? this.data.imagesOfFrame[this.currentFrame] ?? [] : [];
     this.current.set(images, this.poses, () => SELECTED);
   }
 
@@ -462,7 +463,8 @@ export class SceneView {
 
   draw(now) {
     this.isRequested = false;
-    this.controls.update();
+    if (this.isSwinging && this.isSeen) this.swing(now);
+    if (this.through === null) this.controls.update();
     this.adaptBudget(now);
     this.render(this.budget);
     clearTimeout(this.settleTimer);
@@ -473,6 +475,7 @@ export class SceneView {
   settle() {
     const numPoints = this.options.showPoints ? this.numPoints() : 0;
     let drawn = Math.min(numPoints, FIRST_STEP), step = FIRST_STEP, last = 0;
+    this.photos.update();
     this.render(Infinity, drawn);
     const view = ++this.viewNumber;
     const addPoints = (now) => {
@@ -485,6 +488,13 @@ export class SceneView {
       requestAnimationFrame(addPoints);
     };
     requestAnimationFrame(addPoints);
+  }
+
+  disposeObject(object) {
+    object.geometry.dispose();
+    object.material.uniforms?.map?.value?.dispose();
+    object.material.dispose();
+    this.scene.remove(object);
   }
 
   numPoints() { return this.data.pointPositions.length / 3; }
@@ -514,20 +524,28 @@ export class SceneView {
     const {options, data} = this;
     ++this.viewNumber;
     const distance = this.camera.position.distanceTo(this.controls.target);
+    const {radius, spacing} = this.shape;
+    fog.fogRange.value.set(distance + radius, distance + 6 * radius);
     this.camera.near = Math.max(1e-3 * distance, 1e-7);
     this.camera.far = 4 * (distance + 4);
     this.camera.updateProjectionMatrix();
     this.points.geometry.setDrawRange(0, Math.min(0.6 * budget, this.numPoints(), maxPoints));
     this.frames.geometry.setDrawRange(0, Math.min(0.1 * budget, data.numFrames));
     const isCoarse = data.numFrames * POINTS_PER_LINE > 0.3 * budget;
-    this.showChosen(isCoarse);
+    // What software draws slowly is for a view at rest.
+    const isDetailed = !this.isSoftware || budget === Infinity;
+    this.showChosen(isCoarse, isDetailed);
     const ratio = this.renderer.getPixelRatio();
-    this.points.material.uniforms.size.value = options.pointSize * ratio;
+    const {size, spread} = this.points.material.uniforms;
+    // On a photo, points are marks of one size.
+    const isOutside = this.through === null;
+    size.value = options.pointSize * ratio * (isOutside ? 1 : 2);
+    spread.value = isOutside && isDetailed ? 0.5 * options.pointSize * ratio * spacing * this.focalPx() : 0;
     this.highlight.material.uniforms.size.value = (options.pointSize + 1) * ratio;
     this.frames.material.uniforms.size.value = 3 * ratio;
     this.bodies.size = this.bodySize();
-    this.current.size = 1.3 * this.bodySize();
-    const cameras = options.showCameras ? this.chooseCameras() : [];
+    this.current.size = SCALE_OF_CURRENT * this.bodySize();
+    const cameras = options.showCameras && this.through === null ? this.chooseCameras() : [];
     this.bodies.set(cameras.slice(0, Math.max(0.3 * budget / POINTS_PER_CAMERA, 20)),
                     this.poses, cameraColoring(this.data, this.options.cameraColor).colorOf);
     this.renderer.clear();
@@ -535,15 +553,21 @@ export class SceneView {
     this.onRender();
   }
 
-  showChosen(isCoarse) {
+  // Through a camera, only points are seen, on its photo.
+  showChosen(isCoarse, isDetailed) {
     const {options} = this;
-    this.points.visible = options.showPoints;
-    this.frames.visible = options.showCameras;
-    this.pathLines.visible = options.showPath && !isCoarse;
-    this.coarsePath.visible = options.showPath && isCoarse;
-    this.seamLines.visible = options.showPath;
-    this.truthLines.visible = options.showTruth;
-    this.otherLines.visible = options.showOther;
+    const isOutside = this.through === null;
+    const choices = [
+      [this.points, options.showPoints], [this.frames, options.showCameras && isOutside],
+      [this.pathLines, options.showPath && !isCoarse && isOutside],
+      [this.coarsePath, options.showPath && isCoarse && isOutside],
+      [this.seamLines, options.showPath && isOutside],
+      [this.truthLines, options.showTruth && isOutside],
+      [this.otherLines, options.showOther && isOutside],
+      [this.grid, options.showGrid && isDetailed && isOutside],
+    ];
+    for (const [object, isShown] of choices) object.visible = isShown;
+    this.photos.setVisible(isOutside && options.showCameras);
   }
 
   // ------------------------------------------------------------- picking

@@ -30,6 +30,9 @@ struct ReportPageInput {
   std::string report_json = {};           // of the run; "" if unknown
   size_t model_idx = 0;                   // in that report
   std::string image_path = {};            // for thumbnails; "" for none
+  // Of that folder, as the page reaches it, to show photos; "" if unknown.
+  std::string image_url = {};
+  bool is_east_north_up = false;  // the axes of the world
   // Per frame, in [0, 1]; empty if unknown.
   std::vector<std::optional<double>> frame_confidence = {};
   // cam_from_model holds poses of the reconstruction, cam_from_world true ones.

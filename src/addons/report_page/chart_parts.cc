@@ -102,6 +102,14 @@ Eigen::Vector3d SequentialColor(double value) {
   return color;
 }
 
+std::string FormatCount(size_t count) {
+  std::string digits = std::to_string(count);
+  for (auto i = static_cast<int>(digits.size()) - 3; i > 0; i -= 3) {
+    digits.insert(static_cast<size_t>(i), ",");
+  }
+  return digits;
+}
+
 std::string PngUrl(int width_px, int height_px,
                    const std::vector<uint8_t>& rgba) {
   cv::Mat image(height_px, width_px, CV_8UC4);

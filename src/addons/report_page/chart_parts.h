@@ -51,6 +51,9 @@ std::string SensorColor(int order);
 // (viridis, Smith & van der Walt 2015), at 9 nodes.
 Eigen::Vector3d SequentialColor(double value);
 
+// "12,345".
+std::string FormatCount(size_t count);
+
 // A PNG of RGBA pixels, row by row, as a data URL.
 std::string PngUrl(int width_px, int height_px,
                    const std::vector<uint8_t>& rgba);

@@ -66,14 +66,6 @@ std::string BinColor(const Bin& bin) {
   return bin.num_registered == 0 ? "#d1495b" : "#e6a532";
 }
 
-std::string FormatCount(size_t count) {
-  std::string digits = std::to_string(count);
-  for (auto i = static_cast<int>(digits.size()) - 3; i > 0; i -= 3) {
-    digits.insert(static_cast<size_t>(i), ",");
-  }
-  return digits;
-}
-
 }  // namespace
 
 std::vector<int> ChartSensors(const PageModel& model) {
@@ -88,32 +80,15 @@ std::vector<int> ChartSensors(const PageModel& model) {
   return chosen;
 }
 
-std::string RegistrationChart(const PageModel& model) {
+std::string RegistrationBars(const PageModel& model) {
   const Scene& scene = model.input.scene;
   if (scene.frames.empty()) return "";
-  const std::vector<int> sensors = ChartSensors(model);
-  constexpr double kLeft = 190.0, kTop = 34.0, kRow = 24.0, kRight = 70.0;
   const size_t num_bins = std::min<size_t>(scene.frames.size(), 700);
-  const double bin_width =
-      (kWidth - kLeft - kRight) / static_cast<double>(num_bins);
-  SvgDrawing drawing(kWidth,
-                     kTop + kRow * static_cast<double>(sensors.size()) + 36.0);
-  DrawHorizontalAxis({kLeft, kTop}, kWidth - kLeft - kRight,
-                     kRow * static_cast<double>(sensors.size()),
-                     static_cast<double>(scene.frames.size()), 8,
-                     "frame in order of its name", &drawing);
-  const std::pair<const char*, const char*> legend[] = {
-      {"#2e8b57", "registered"}, {"#e6a532", "in part"}, {"#d1495b", "not"}};
-  double legend_x = kLeft;
-  for (const auto& [color, text] : legend) {
-    drawing.Box({legend_x, 10.0}, {12.0, 12.0}, FillStyle(color));
-    drawing.Text({legend_x + 18.0, 20.0}, text, kTextStyle);
-    legend_x += 110.0;
-  }
-  for (size_t row = 0; row < sensors.size(); ++row) {
+  std::string html;
+  for (const int sensor : ChartSensors(model)) {
     std::vector<Bin> bins(num_bins);
     for (size_t i = 0; i < scene.images.size(); ++i) {
-      if (scene.images[i].sensor_idx != sensors[row]) continue;
+      if (scene.images[i].sensor_idx != sensor) continue;
       const auto frame = static_cast<size_t>(scene.images[i].frame_idx);
       Bin& bin = bins[frame * num_bins / scene.frames.size()];
       ++bin.num_images;
@@ -121,9 +96,7 @@ std::string RegistrationChart(const PageModel& model) {
         ++bin.num_registered;
       }
     }
-    const double y = kTop + kRow * static_cast<double>(row);
-    drawing.Text({kLeft - 10.0, y + 15.0}, SensorLabel(model, sensors[row]),
-                 kRightStyle);
+    SvgDrawing drawing(static_cast<double>(num_bins), 1.0);
     for (size_t begin = 0; begin < num_bins;) {
       size_t end = begin + 1;
       const auto is_equal = [&](const Bin& bin) {
@@ -132,20 +105,23 @@ std::string RegistrationChart(const PageModel& model) {
       };
       while (end < num_bins && is_equal(bins[end])) ++end;
       if (bins[begin].num_images > 0) {
-        drawing.Box({kLeft + bin_width * static_cast<double>(begin), y + 3.0},
-                    {bin_width * static_cast<double>(end - begin), kRow - 6.0},
+        drawing.Box({static_cast<double>(begin), 0.0},
+                    {static_cast<double>(end - begin), 1.0},
                     FillStyle(BinColor(bins[begin])));
       }
       begin = end;
     }
-    const SensorStatistics& statistics = model.statistics.sensors[sensors[row]];
+    const SensorStatistics& statistics = model.statistics.sensors[sensor];
     const double share = 100.0 *
                          static_cast<double>(statistics.num_registered) /
                          static_cast<double>(statistics.num_images);
-    drawing.Text({kWidth - kRight + 8.0, y + 15.0},
-                 FormatNumber(share, 1) + " %", kTextStyle);
+    html += "<div class=\"bar\"><bdi>" +
+            EscapeHtml(SensorLabel(model, sensor)) + "</bdi><span>" +
+            FormatNumber(share, 1) + "&nbsp;%</span></div>\n" +
+            drawing.ToString().replace(
+                0, 4, "<svg class='strip' preserveAspectRatio='none'");
   }
-  return drawing.ToString();
+  return html;
 }
 
 std::string ErrorHistogramChart(const PageModel& model) {
@@ -257,9 +233,6 @@ std::string ErrorMapChart(const PageModel& model) {
   SvgDrawing drawing(kWidth, grid.Bottom(sensors.size()));
   DrawColorScale({70.0, 8.0}, "0 px", FormatNumber(max_error_px, 2) + " px",
                  &drawing);
-  drawing.Text({300.0, 18.0},
-               "color: mean error; arrows: mean residual where significant",
-               kMutedStyle);
   for (size_t panel = 0; panel < sensors.size(); ++panel) {
     const SensorStatistics& sensor = model.statistics.sensors[sensors[panel]];
     const Vector2d corner = grid.Corner(panel) + Vector2d(0.0, 22.0);
@@ -278,14 +251,14 @@ std::string TrackLengthChart(const PageModel& model) {
   const auto& counts = model.statistics.num_tracks_of_length;
   if (counts.size() < 3) return "";
   // The last bar holds all longer tracks.
-  const size_t max_length = std::min<size_t>(counts.size() - 1, 40);
+  const size_t max_length = std::min<size_t>(counts.size() - 1, 30);
   std::vector<size_t> bars(max_length + 1);
   for (size_t i = 0; i < counts.size(); ++i) {
     bars[std::min(i, max_length)] += counts[i];
   }
   const double max =
       static_cast<double>(*std::max_element(bars.begin(), bars.end()));
-  constexpr double kHeight = 140.0, kLeft = 80.0, kTop = 14.0;
+  constexpr double kHeight = 140.0, kLeft = 60.0, kTop = 14.0, kWidth = 480.0;
   SvgDrawing drawing(kWidth, kTop + kHeight + 44.0);
   const Ticks ticks = MakeTicks(0.0, max, 4);
   for (const double value : ticks.values) {
@@ -303,63 +276,12 @@ std::string TrackLengthChart(const PageModel& model) {
                 FillStyle("#0b62b0"));
     std::string label = std::to_string(length);
     if (length == max_length && counts.size() - 1 > max_length) label += "+";
-    if (max_length <= 24 || length % 2 == 0) {
+    if (max_length <= 16 || length % 2 == 0) {
       drawing.Text({x + 0.5 * bar, kTop + kHeight + 15.0}, label, kCenterStyle);
     }
   }
   drawing.Text({0.5 * (kWidth + kLeft), kTop + kHeight + 34.0},
                "images per point", kCenterStyle);
-  return drawing.ToString();
-}
-
-namespace {
-
-struct Stage {
-  std::string name;
-  double seconds;
-  std::optional<double> peak_mib;
-};
-
-void AppendStages(const Json& report, std::vector<Stage>* stages) {
-  const Json& seconds = Get(report, "seconds");
-  if (!seconds.is_object()) return;
-  for (const auto& [name, value] : seconds.items()) {
-    if (!value.is_number()) continue;
-    stages->push_back(
-        {Shorten(name, 40), value.get<double>(),
-         GetNumber(Get(report, "peak_memory_mib_after"), name.c_str())});
-  }
-}
-
-}  // namespace
-
-std::string StageChart(const PageModel& model) {
-  std::vector<Stage> stages;
-  AppendStages(model.report, &stages);
-  AppendStages(model.model_report, &stages);
-  if (stages.empty()) return "";
-  double max_seconds = 1e-3;
-  for (const Stage& stage : stages) {
-    max_seconds = std::max(max_seconds, stage.seconds);
-  }
-  constexpr double kLeft = 250.0, kRow = 22.0, kBarWidth = 460.0, kTop = 26.0;
-  SvgDrawing drawing(kWidth,
-                     kTop + kRow * static_cast<double>(stages.size()) + 8.0);
-  drawing.Text({kLeft, 16.0}, "time", kMutedStyle);
-  drawing.Text({kWidth - 20.0, 16.0}, "peak memory so far",
-               "font-size='12' opacity='0.7' text-anchor='end'");
-  for (size_t i = 0; i < stages.size(); ++i) {
-    const double y = kTop + kRow * static_cast<double>(i);
-    const double width = kBarWidth * stages[i].seconds / max_seconds;
-    drawing.Text({kLeft - 10.0, y + 14.0}, stages[i].name, kRightStyle);
-    drawing.Box({kLeft, y + 3.0}, {std::max(width, 1.0), kRow - 7.0},
-                FillStyle("#0b62b0"));
-    drawing.Text({kLeft + width + 8.0, y + 14.0},
-                 FormatNumber(stages[i].seconds, 2) + " s", kTextStyle);
-    if (!stages[i].peak_mib) continue;
-    drawing.Text({kWidth - 20.0, y + 14.0},
-                 FormatNumber(*stages[i].peak_mib, 0) + " MiB", kRightStyle);
-  }
   return drawing.ToString();
 }
 

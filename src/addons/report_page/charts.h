@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "report_page/html_parts.h"
 #include "report_page/page_model.h"
 
 namespace mgsfm {
@@ -10,8 +11,13 @@ namespace mgsfm {
 // Charts of a model as SVG files; "" if there is nothing to draw. Charts of
 // sensors show those with the most images.
 
-// Per sensor, the registered fraction of its images over the frames.
-std::string RegistrationChart(const PageModel& model);
+// Columns of the charts of sensors and of RigChart().
+constexpr Columns kSensorColumns = {12.0, 920.0 / 3.0, 3};
+constexpr Columns kRigColumns = {10.0, 470.0, 2};
+
+// Per sensor, the registered fraction of its images over the frames, as HTML
+// that fills the width.
+std::string RegistrationBars(const PageModel& model);
 // Per sensor, a histogram of reprojection errors.
 std::string ErrorHistogramChart(const PageModel& model);
 // Per sensor, mean errors and mean residuals over the image plane. Residuals
@@ -24,8 +30,6 @@ std::string RigChart(const PageModel& model);
 // A matrix of frames against frames with their common points, the pairs of the
 // view graph without any, and the groups of rejected pairs.
 std::string ViewGraphChart(const PageModel& model);
-// Time and memory per stage.
-std::string StageChart(const PageModel& model);
 
 // The indices of the sensors that charts show, in their order in the scene.
 std::vector<int> ChartSensors(const PageModel& model);

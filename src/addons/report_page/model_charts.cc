@@ -361,11 +361,16 @@ std::string ViewGraphChart(const PageModel& model) {
   if (model.input.scene.frames.size() < 2) return "";
   // Pixels of the page.
   constexpr double kSize = 560.0, kLeft = 60.0, kTop = 12.0;
-  SvgDrawing drawing(960.0, kTop + kSize + 44.0);
+  constexpr double kLegendRow = 26.0;
+  const auto seams = SeamPlaces(model);
+  const bool has_matches = model.input.view_graph != nullptr;
+  const double num_rows =
+      4.0 + (has_matches ? 1.0 : 0.0) + (seams.empty() ? 0.0 : 1.0);
+  SvgDrawing drawing(kLeft + kSize + 20.0,
+                     kTop + kSize + 50.0 + kLegendRow * num_rows);
   const Vector2d corner(kLeft, kTop), size(kSize, kSize);
   drawing.Pixels(corner, size, MatrixUrl(MakeMatrix(model)));
   DrawRejectedGroups(model, corner, kSize, &drawing);
-  const auto seams = SeamPlaces(model);
   DrawSeams(seams, corner, kSize, model.input.scene.frames.size(), &drawing);
   drawing.Frame(corner, size, kFrameStyle);
   const auto num_frames = static_cast<double>(model.input.scene.frames.size());
@@ -379,16 +384,16 @@ std::string ViewGraphChart(const PageModel& model) {
   }
   drawing.Text({kLeft + 0.5 * kSize, kTop + kSize + 34.0}, "frame",
                kCenterStyle);
-  double y = kTop + 16.0;
+  double y = kTop + kSize + 64.0;
   const auto add_legend = [&](const std::string& style,
                               const std::string& text) {
-    drawing.Box({kLeft + kSize + 24.0, y - 11.0}, {14.0, 14.0}, style);
-    drawing.Text({kLeft + kSize + 46.0, y}, text, kTextStyle);
-    y += 26.0;
+    drawing.Box({kLeft, y - 11.0}, {14.0, 14.0}, style);
+    drawing.Text({kLeft + 22.0, y}, text, kTextStyle);
+    y += kLegendRow;
   };
   add_legend("fill='#fde725' stroke='#888'", "many points in common");
   add_legend("fill='#3b518b'", "few points in common");
-  if (model.input.view_graph) {
+  if (has_matches) {
     add_legend("fill='#d1495b'", "verified matches, but no common point");
   }
   add_legend("fill='none' stroke='#d1495b' stroke-width='1.5'",

@@ -31,8 +31,8 @@ namespace mgsfm {
 namespace {
 
 // The page without content, which web/build.mjs makes from web/src. It has the
-// marks <!--title-->, <!--summary-->, <!--details-->, and in elements of their
-// own /*header*/ and /*arrays*/.
+// marks <!--pictures-->, <!--policy-->, <!--title-->, <!--summary-->,
+// <!--details-->, and in elements of their own /*header*/ and /*arrays*/.
 std::string_view PageAsset() {
   return {mgsfm_page_asset_begin,
           static_cast<size_t>(mgsfm_page_asset_end - mgsfm_page_asset_begin)};
@@ -80,14 +80,16 @@ PageParts MakeParts(const ReportPageInput& input, size_t num_used_bytes,
 }
 
 std::string FillPage(const std::string& title, const char* policy,
-                     const PageParts& parts) {
-  return FillTemplate(PageAsset(), {{"<!--policy-->", policy},
-                                    {"<!--title-->", title},
-                                    {"<!--heading-->", title},
-                                    {"<!--summary-->", parts.summary},
-                                    {"<!--details-->", parts.details},
-                                    {"/*header*/", parts.data.header_json},
-                                    {"/*arrays*/", parts.data.arrays_base64}});
+                     const PageParts& parts, bool has_photos = false) {
+  return FillTemplate(PageAsset(),
+                      {{"<!--pictures-->", has_photos ? kItsFolder : kNowhere},
+                       {"<!--policy-->", policy},
+                       {"<!--title-->", title},
+                       {"<!--heading-->", title},
+                       {"<!--summary-->", parts.summary},
+                       {"<!--details-->", parts.details},
+                       {"/*header*/", parts.data.header_json},
+                       {"/*arrays*/", parts.data.arrays_base64}});
 }
 
 std::string TitleOf(const std::string& title) {
@@ -104,7 +106,7 @@ std::string MakeReportPage(const ReportPageInput& input,
   const PageParts parts =
       MakeParts(input, PageAsset().size() + 2 * title.size(), options, context);
   return FillPage(title, parts.data.has_side_files ? kItsFolder : kNowhere,
-                  parts);
+                  parts, !input.image_url.empty());
 }
 
 std::string MakeLivePage(const std::string& title) {

@@ -66,17 +66,20 @@ Vector3d UpInWorld(const Scene& scene, const Projector& projector) {
   return up.norm() > 1e-6 ? Vector3d(up.normalized()) : Vector3d(0, -1, 0);
 }
 
-// Tangents of half the fields of view, bounded so that wide ones can be drawn
-// as a pyramid.
-Json HalfViewTangents(const Camera& camera) {
+// Tangents of the angles to the left, upper, right and lower edge, bounded so
+// that wide fields of view can be drawn as a pyramid.
+Json ViewTangents(const Camera& camera) {
   constexpr double kMax = 1.2;  // a field of view of 100 degrees
   const auto tangent = [&](const Eigen::Vector2d& pixel) {
     const auto ray = RayFromPixel(camera.model, camera.params.data(), pixel);
     if (!ray || ray->z() <= 0.0) return kMax;
     return std::clamp(ray->head<2>().norm() / ray->z(), 0.05, kMax);
   };
-  return {tangent({0.0, 0.5 * camera.height_px}),
-          tangent({0.5 * camera.width_px, 0.0})};
+  const auto width_px = static_cast<double>(camera.width_px);
+  const auto height_px = static_cast<double>(camera.height_px);
+  return {tangent({0.0, 0.5 * height_px}), tangent({0.5 * width_px, 0.0}),
+          tangent({width_px, 0.5 * height_px}),
+          tangent({0.5 * width_px, height_px})};
 }
 
 Json SensorsToJson(const PageModel& model) {
@@ -95,7 +98,7 @@ Json SensorsToJson(const PageModel& model) {
     sensors.push_back({{"name", Shorten(sensor.name, 200)},
                        {"width_px", camera.width_px},
                        {"height_px", camera.height_px},
-                       {"half_view_tangents", HalfViewTangents(camera)},
+                       {"view_tangents", ViewTangents(camera)},
                        {"sensor_from_rig", pose}});
   }
   return sensors;
@@ -402,6 +405,9 @@ Json AddFixedParts(const PageModel& model, const ShownImages& shown,
                  {"box_min", ToJson(box.min() - origin)},
                  {"box_size", ToJson(box.sizes())},
                  {"up", ToJson(UpInWorld(scene, model.projector))},
+                 {"unit", LengthUnit(model)},
+                 {"north", nullptr},
+                 {"image_url", nullptr},
                  {"num_points", model.input.reconstruction.points.size()},
                  {"frame_step", shown.frame_step},
                  {"sensors", SensorsToJson(model)},
@@ -411,6 +417,10 @@ Json AddFixedParts(const PageModel& model, const ShownImages& shown,
                  {"seams", SeamsToJson(model, shown)},
                  {"truth", nullptr},
                  {"other", nullptr}};
+  if (model.input.is_east_north_up) header["north"] = {0.0, 1.0, 0.0};
+  if (!model.input.image_url.empty()) {
+    header["image_url"] = model.input.image_url;
+  }
   if (model.input.truth) {
     AddComparison(model, *model.input.truth, true, shown, origin, "truth",
                   arrays);

@@ -2,242 +2,20 @@
 #include "report_page/sections.h"
 
 #include <algorithm>
-#include <cmath>
+#include <tuple>
 
-#include "base/text_streams.h"
 #include "evaluation/evaluation_plot.h"
 #include "evaluation/svg.h"
 #include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "report_page/charts.h"
 #include "report_page/encoding.h"
+#include "report_page/html_parts.h"
 
 namespace mgsfm {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using Row = std::vector<std::string>;  // HTML of the cells
-
-// Bounds the size of the page; the report and the model have all rows.
-constexpr size_t kMaxRows = 60;
-
-std::string Text(const std::string& text) {
-  constexpr size_t kMaxBytes = 600;  // a cell of some lines
-  return "<bdi>" + EscapeHtml(Shorten(text, kMaxBytes)) + "</bdi>";
-}
-
-// "two words" of "two_words".
-std::string WithBlanks(std::string name) {
-  std::replace(name.begin(), name.end(), '_', ' ');
-  return name;
-}
-
-std::string Number(std::optional<double> value, int digits,
-                   const std::string& unit = "") {
-  if (!value || !std::isfinite(*value)) return "&ndash;";
-  // Tiny and huge values need an exponent.
-  const double size = std::abs(*value);
-  std::string text = FormatNumber(*value, digits);
-  if (size > 0.0 && (size < 0.5 * std::pow(10.0, -digits) || size > 1e9)) {
-    TextOutput stream;
-    stream.precision(3);
-    stream << *value;
-    text = stream.str();
-  }
-  return unit.empty() ? text : text + "&nbsp;" + unit;
-}
-
-std::string Count(size_t count) { return std::to_string(count); }
-
-std::string Share(size_t part, size_t all) {
-  if (all == 0) return "0 of 0";
-  return Count(part) + " of " + Count(all) + " (" +
-         FormatNumber(
-             100.0 * static_cast<double>(part) / static_cast<double>(all), 1) +
-         "&nbsp;%)";
-}
-
-// Rows beyond kMaxRows are counted only.
-std::string Table(const Row& head, const std::vector<Row>& rows) {
-  if (rows.empty()) return "";
-  std::string html = "<div class=\"scroll\"><table><thead><tr>";
-  for (const std::string& cell : head) {
-    html += "<th scope=\"col\">" + cell + "</th>";
-  }
-  html += "</tr></thead><tbody>\n";
-  for (size_t i = 0; i < std::min(rows.size(), kMaxRows); ++i) {
-    html += "<tr>";
-    for (const std::string& cell : rows[i]) html += "<td>" + cell + "</td>";
-    html += "</tr>\n";
-  }
-  html += "</tbody></table></div>\n";
-  if (rows.size() > kMaxRows) {
-    html += "<p class=\"muted\">and " + Count(rows.size() - kMaxRows) +
-            " more</p>\n";
-  }
-  return html;
-}
-
-std::string Section(const std::string& id, const std::string& title,
-                    const std::string& content) {
-  if (content.empty()) return "";
-  return "<section id=\"" + id + "\"><h2>" + title + "</h2>\n" + content +
-         "</section>\n";
-}
-
-// SVG files use fixed colors; in the page they follow its theme.
-std::string ThemedChart(std::string svg, const std::string& label) {
-  if (svg.empty()) return "";
-  const std::pair<const char*, const char*> colors[] = {
-      {"fill='white'", "fill='none'"},
-      {"fill='#222'", "fill='currentColor'"},
-      {"'#e6e6e6'", "'var(--grid)'"},
-      {"'#888'", "'var(--axis)'"},
-      {"'#0b62b0'", "'var(--accent)'"}};
-  for (const auto& [color, themed] : colors) {
-    const std::string from = color, to = themed;
-    for (size_t at = svg.find(from); at != std::string::npos;
-         at = svg.find(from, at + to.size())) {
-      svg.replace(at, from.size(), to);
-    }
-  }
-  // Clip paths of several charts must not share their ids.
-  svg.replace(0, 4, "<svg role='img' aria-label='" + label + "'");
-  return "<figure class=\"chart\">" + svg + "</figure>\n";
-}
-
-// ------------------------------------------------------------------ summary
-
-std::string Card(const std::string& value, const std::string& label) {
-  return "<div class=\"card\"><b>" + value + "</b><span>" + label +
-         "</span></div>";
-}
-
-std::string Cards(const PageModel& model) {
-  const PageStatistics& s = model.statistics;
-  const Scene& scene = model.input.scene;
-  std::string html = "<div class=\"cards\">";
-  html += Card(Count(s.num_registered_images) + "&thinsp;/&thinsp;" +
-                   Count(scene.images.size()),
-               "images registered");
-  html += Card(Count(s.num_registered_frames) + "&thinsp;/&thinsp;" +
-                   Count(scene.frames.size()),
-               "frames registered");
-  html += Card(Count(model.input.reconstruction.points.size()), "points");
-  html +=
-      Card(Number(s.errors.MeanErrorPx(), 3, "px"), "mean reprojection error");
-  if (!model.input.reconstruction.points.empty()) {
-    html += Card(Number(static_cast<double>(s.num_observations) /
-                            static_cast<double>(
-                                model.input.reconstruction.points.size()),
-                        1),
-                 "images per point");
-  }
-  if (model.input.truth && model.input.truth->evaluation.position_m) {
-    const Evaluation& evaluation = model.input.truth->evaluation;
-    html += Card(
-        Number(evaluation.position_m->median, 4, LengthUnitName(evaluation)),
-        "median error against the truth");
-  }
-  return html + "</div>\n";
-}
-
-// A warning of the report: a text, or an object with texts.
-std::string WarningText(const Json& warning) {
-  if (warning.is_string()) return Text(warning.get<std::string>());
-  std::string html;
-  for (const char* key : {"text", "message", "remedy"}) {
-    const std::string text = GetText(warning, key);
-    if (text.empty()) continue;
-    if (!html.empty()) html += "<br>";
-    html += Text(text);
-  }
-  return html;
-}
-
-void AppendWarnings(const Json& warnings, std::vector<std::string>* texts) {
-  for (const Json& warning : warnings) {
-    std::string text = WarningText(warning);
-    if (!text.empty()) texts->push_back(std::move(text));
-  }
-}
-
-std::vector<std::string> Warnings(const PageModel& model) {
-  std::vector<std::string> texts;
-  AppendWarnings(GetArray(model.report, "warnings"), &texts);
-  AppendWarnings(GetArray(model.model_report, "warnings"), &texts);
-  const Scene& scene = model.input.scene;
-  if (scene.images.empty()) {
-    texts.emplace_back("The model has no image.");
-  } else if (model.input.reconstruction.points.empty()) {
-    texts.emplace_back("The model has no point.");
-  }
-  const size_t num_missing =
-      scene.frames.size() - model.statistics.num_registered_frames;
-  if (num_missing > 0) {
-    texts.push_back(Share(num_missing, scene.frames.size()) +
-                    " frames are not registered; see "
-                    "<a href=\"#missing\">the reasons</a>.");
-  }
-  const size_t num_seams = GetArray(model.model_report, "seams").size();
-  if (num_seams > 0) {
-    texts.push_back(Count(num_seams) +
-                    " seams: the parts beside them are weakly connected; see "
-                    "<a href=\"#seams\">the table</a>.");
-  }
-  const Json& groups = GetArray(model.model_report, "rejected_groups");
-  if (!groups.empty()) {
-    texts.push_back(Count(groups.size()) +
-                    " groups of image pairs contradict the model; see "
-                    "<a href=\"#view_graph\">the view graph</a>.");
-  }
-  const Json& weak =
-      Get(Get(model.model_report, "bundle_adjustment"), "weak_frames");
-  if (weak.is_array() && !weak.empty()) {
-    texts.push_back(Count(weak.size()) + " frames have few observations.");
-  }
-  return texts;
-}
-
-std::string WarningList(const PageModel& model) {
-  const std::vector<std::string> warnings = Warnings(model);
-  if (warnings.empty()) {
-    return "<p class=\"good\">No warning.</p>\n";
-  }
-  std::string html = "<ul class=\"warnings\">";
-  for (const std::string& warning : warnings) {
-    html += "<li>" + warning + "</li>\n";
-  }
-  return html + "</ul>\n";
-}
-
-// Whether the cards show this key, too.
-bool IsOnCards(const std::string& key) {
-  return key == "num_images" || key == "num_registered_images";
-}
-
-// "summary" of the report: a text, or values by name.
-std::string ReportSummary(const PageModel& model) {
-  std::string html;
-  for (const Json* report : {&model.report, &model.model_report}) {
-    const Json& summary = Get(*report, "summary");
-    if (summary.is_string()) {
-      html += "<p>" + Text(summary.get<std::string>()) + "</p>\n";
-    }
-    if (!summary.is_object()) continue;
-    std::vector<Row> rows;
-    for (const auto& [key, value] : summary.items()) {
-      if (value.is_structured() || value.is_null() || IsOnCards(key)) continue;
-      rows.push_back(
-          {Text(WithBlanks(key)),
-           Text(value.is_string() ? value.get<std::string>() : value.dump())});
-    }
-    html += Table({"", "value"}, rows);
-  }
-  return html;
-}
-
-// ------------------------------------------------------------------- tables
 
 // The focal length of a camera and where it is from, by the report.
 std::string FocalLengthCell(const PageModel& model, const Camera& camera) {
@@ -285,10 +63,11 @@ std::string SensorTable(const PageModel& model) {
 std::string MissingTable(const PageModel& model) {
   std::vector<Row> rows;
   for (const Json& frame : GetArray(model.report, "unregistered_frames")) {
-    rows.push_back(
-        {Text(GetText(frame, "name")), Text(GetText(frame, "reason"))});
+    rows.push_back({Text(GetText(frame, "name")),
+                    Text(GetText(frame, "reason")),
+                    FrameLink(GetText(frame, "name"))});
   }
-  return Table({"frame", "reason"}, rows);
+  return Table({"frame", "reason", "in the view"}, rows);
 }
 
 // The stretches of frames on one side of a seam.
@@ -381,8 +160,7 @@ std::string RejectedPairsTable(const PageModel& model) {
   if (rejected.is_object()) {
     for (const auto& [reason, count] : rejected.items()) {
       if (count.is_number() && count.get<double>() > 0) {
-        rows.push_back(
-            {Text(WithBlanks(reason)), Number(count.get<double>(), 0)});
+        rows.push_back({Text(WithBlanks(reason)), Count(count.get<size_t>())});
       }
     }
   }
@@ -449,6 +227,36 @@ std::string ComparisonContent(const PageModel& model) {
              "path and differences of both models");
 }
 
+// The stages of a run and of its model with their total, as bars.
+std::string StageTable(const PageModel& model) {
+  std::vector<std::tuple<std::string, double, std::optional<double>>> stages;
+  double total_s = 0.0, max_s = 0.0;
+  for (const Json* report : {&model.report, &model.model_report}) {
+    const Json& seconds = Get(*report, "seconds");
+    if (!seconds.is_object()) continue;
+    for (const auto& [name, value] : seconds.items()) {
+      if (!value.is_number()) continue;
+      stages.emplace_back(
+          name, value.get<double>(),
+          GetNumber(Get(*report, "peak_memory_mib_after"), name.c_str()));
+      total_s += value.get<double>();
+      max_s = std::max(max_s, value.get<double>());
+    }
+  }
+  std::vector<Row> rows;
+  for (const auto& [name, seconds, peak_mib] : stages) {
+    const double share = 100.0 * seconds / std::max(max_s, 1e-9);
+    rows.push_back({Text(name), Number(seconds, 2, "s"),
+                    peak_mib ? Number(peak_mib, 0, "MiB") : "",
+                    "<i class=\"amount\" style=\"width:" +
+                        FormatNumber(share, 1) + "%\"></i>"});
+  }
+  if (rows.size() > 1) {
+    rows.push_back({"<b>all</b>", Number(total_s, 2, "s"), "", ""});
+  }
+  return Table({"stage", "time", "peak memory so far", ""}, rows);
+}
+
 std::string RunContent(const PageModel& model) {
   const Json& input = Get(model.report, "input");
   std::vector<Row> rows;
@@ -460,50 +268,71 @@ std::string RunContent(const PageModel& model) {
   add("rigs", GetText(input, "rig_source"));
   for (const char* key : {"num_pairs", "num_matches", "num_keypoints"}) {
     if (const auto value = GetNumber(input, key)) {
-      rows.push_back({key + 4, Number(*value, 0)});
+      rows.push_back({key + 4, Count(static_cast<size_t>(*value))});
     }
   }
-  return ThemedChart(StageChart(model), "time and memory per stage") +
-         Table({"", "value"}, rows);
+  const Json& options = Get(model.report, "options");
+  return StageTable(model) + Table({"", "value"}, rows) +
+         (options.is_null() ? ""
+                            : "<details><summary>Options</summary><pre>" +
+                                  EscapeHtml(Shorten(options.dump(1), 20000)) +
+                                  "</pre></details>\n");
 }
 
 }  // namespace
 
-std::string SummarySection(const PageModel& model) {
-  return Section("summary", "Summary",
-                 WarningList(model) + Cards(model) + ReportSummary(model));
-}
-
 std::string DetailSections(const PageModel& model) {
+  const size_t num_sensors = ChartSensors(model).size();
   return Section("registration", "Registration",
-                 ThemedChart(RegistrationChart(model),
-                             "registered images of each camera over frames") +
-                     SensorTable(model)) +
+                 "Frames from left to right, in the order of the slider: green "
+                 "are registered, orange in part, red not.",
+                 RegistrationBars(model) + SensorTable(model)) +
          Section("missing", "Frames that are not registered",
+                 "The reason for each, from the report of the run.",
                  MissingTable(model)) +
-         Section("seams", "Seams", SeamTable(model)) +
+         Section("seams", "Seams",
+                 "Places where few matches hold two parts of the model "
+                 "together.",
+                 SeamTable(model)) +
          Section("truth", "Errors against the ground truth",
+                 "After alignment of the model with the truth.",
                  TruthContent(model)) +
          Section("comparison", "Comparison of two models",
+                 "After alignment of the other model with this one.",
                  ComparisonContent(model)) +
          Section("errors", "Reprojection errors",
-                 ThemedChart(ErrorHistogramChart(model),
-                             "histogram of reprojection errors per camera")) +
-         Section("error_maps", "Reprojection errors over the image plane",
-                 ThemedChart(ErrorMapChart(model),
-                             "mean reprojection error over the image")) +
+                 "Between keypoints and projected points, per camera.",
+                 ThemedColumns(ErrorHistogramChart(model),
+                               "errors of reprojection per camera",
+                               kSensorColumns, num_sensors)) +
+         Section(
+             "error_maps", "Reprojection errors over the image plane",
+             "Color: mean error; arrows: mean residual where significant; "
+             "empty parts have no observation. Arrows that form a pattern "
+             "show a wrong lens model.",
+             ThemedColumns(ErrorMapChart(model), "maps of reprojection errors",
+                           kSensorColumns, num_sensors)) +
          Section("tracks", "Track lengths",
+                 "Points by the number of images "
+                 "that see them.",
                  ThemedChart(TrackLengthChart(model),
                              "number of points by track length")) +
          Section("rigs", "Rig calibration",
-                 ThemedChart(RigChart(model), "poses of the cameras") +
+                 "The cameras of a rig, with their standard deviations if they "
+                 "were computed.",
+                 ThemedColumns(RigChart(model), "rig with poses of the cameras",
+                               kRigColumns, 2) +
                      RigTable(model)) +
          Section("view_graph", "View graph",
+                 "Common points of pairs of frames. Neighbors are on the "
+                 "diagonal, loops away from it. A click on a cell shows two "
+                 "images of its frames.",
                  ThemedChart(ViewGraphChart(model), "common points of frames") +
-                     "<p class=\"muted\">Neighboring frames are on the "
-                     "diagonal, loops away from it.</p>\n" +
                      RejectedPairsTable(model)) +
-         Section("run", "Time and memory", RunContent(model));
+         Section("run", "Run",
+                 "Stages with their time and the peak of memory "
+                 "so far, and the options.",
+                 RunContent(model));
 }
 
 }  // namespace mgsfm

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tests of the report page in Chromium.
 
-  python3 -m pytest tests/addons/report_page --program build/release/apps/mgsfm/mgsfm
+  python3 -m pytest tests/addons/report_page --program build/release/apps/mgsfm/mgsfm \\
+      [--pictures FOLDER]
 """
 import pathlib
 import subprocess
@@ -17,12 +18,28 @@ import browser as browser_module  # noqa: E402
 def pytest_addoption(parser):
     parser.addoption("--program", type=pathlib.Path, required=True,
                      help="the program mgsfm")
+    parser.addoption("--pictures", type=pathlib.Path,
+                     help="keep pictures of pages in this folder")
 
 
 @pytest.fixture(scope="session")
 def browser():
     with browser_module.Browser() as running:
         yield running
+
+
+@pytest.fixture
+def pictures(request):
+    """The path of a picture to keep, None if they are not wanted."""
+    folder = request.config.getoption("--pictures")
+
+    def path(name):
+        if folder is None:
+            return None
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder / name
+
+    return path
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ import html.parser
 import json
 import pathlib
 
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -37,7 +38,7 @@ def project(page, positions):
         return {origin: data.header.origin, size: data.header.box_size,
                 view: view.camera.matrixWorldInverse.elements,
                 lens: view.camera.projectionMatrix.elements,
-                box: [box.left + 1, box.top + 1,
+                box: [box.left, box.top,
                       view.stage.clientWidth, view.stage.clientHeight]};
     })())"""))
     unit = 0.5 * np.linalg.norm(state["size"])
@@ -96,7 +97,7 @@ def test_draws_points_where_the_model_has_them(drive, report):
     page.evaluate("""for (const id of ['show_cameras', 'show_path'])
         document.getElementById(id).click()""")
     page.evaluate("mgsfmPage.view.setFrame(0); mgsfmPage.view.current.set([])")
-    page.evaluate("mgsfmPage.view.options.pointSize = 4")
+    page.evaluate("mgsfmPage.view.options.pointSize = 4; mgsfmPage.view.zoom(2.5)")
     page.evaluate("mgsfmPage.view.current.object.visible = false; "
                   "mgsfmPage.view.render(Infinity)")
     settle(page)
@@ -263,7 +264,7 @@ def test_measures_distances(drive, report):
     page.evaluate("mgsfmPage.measure({image: 0}); mgsfmPage.measure({image: 6})")
     settle(page)
     shown = float(page.evaluate(
-        "document.getElementById('labels').textContent"))
+        "document.getElementById('labels').textContent").split()[0])
     names = [page.evaluate(f"mgsfmPage.data.imageNames[{i}]") for i in (0, 6)]
     centers = [model.centers()[model.names.index(name)] for name in names]
     assert shown == pytest.approx(np.linalg.norm(centers[0] - centers[1]),
@@ -302,6 +303,228 @@ def test_is_readable_without_scripts(drive, report):
 HOSTILE = ["<script>document.title='hacked'</script>", "\"'&<b>x</b>",
            "a" * 300, "\u202etxet\u05d0\u05d1", "</script><script>alert(1)//",
            "<!--", "/*arrays*/", "\u2028\u200b ", "${1}$&"]
+
+
+SIZES = [(1440, 900, False), (1024, 768, False), (390, 844, True)]
+
+
+def resize(page, width, height, is_phone, theme="light"):
+    page.send("Emulation.setDeviceMetricsOverride", width=width, height=height,
+              deviceScaleFactor=1, mobile=is_phone)
+    page.send("Emulation.setTouchEmulationEnabled", enabled=is_phone,
+              maxTouchPoints=2)
+    page.send("Emulation.setEmulatedMedia", features=[
+        {"name": "prefers-color-scheme", "value": theme}])
+    settle(page)
+
+
+def rectangle(page, selector):
+    """left, top, right, bottom in the window."""
+    return page.evaluate(f"""(() => {{ const box = document.querySelector(
+        '{selector}').getBoundingClientRect();
+        return [box.left, box.top, box.right, box.bottom]; }})()""")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES)
+def test_opens_on_a_stage(drive, report, pictures, size, theme):
+    model, folder = drive
+    page, _ = report(folder)
+    resize(page, *size, theme)
+    left, top, right, bottom = rectangle(page, "#stage")
+    assert top < 0.6 * size[1]
+    picture = page.screenshot(pictures(f"opens_{size[0]}_{theme}.png"))
+    assert np.median(picture[int(top) + 60:int(bottom) - 60,
+                             int(left) + 20:int(right) - 20]) < 0.2
+    # All frames are in view, and reach from one side to the other.
+    pixels = project(page, model.centers())
+    assert (pixels > [left, top]).all() and (pixels < [right, bottom]).all()
+    shares = np.ptp(pixels, axis=0) / [right - left, bottom - top]
+    assert shares.max() > 0.7
+    assert page.evaluate("document.documentElement.scrollWidth") == size[0]
+    assert page.complaints() == []
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_charts_fit_the_window(drive, report, pictures, size):
+    page, _ = report(drive[1])
+    resize(page, *size)
+    assert page.evaluate("""[...document.querySelectorAll('.chart, .strip')]
+        .every((chart) => chart.scrollWidth <= chart.clientWidth
+               && chart.getBoundingClientRect().right <= innerWidth)""")
+    page.send("Emulation.setDeviceMetricsOverride", width=size[0],
+              height=page.evaluate("document.body.scrollHeight"),
+              deviceScaleFactor=1, mobile=size[2])
+    settle(page)
+    page.screenshot(pictures(f"charts_{size[0]}.png"))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_details_are_in_sight(drive, report, size):
+    page, _ = report(drive[1])
+    resize(page, *size)
+    page.evaluate("mgsfmPage.select({image: 3})")
+    _, top, _, bottom = rectangle(page, "#details table")
+    assert top < size[1] and bottom - top > 50
+    page.evaluate("document.querySelector('#details .close').click()")
+    assert details(page) == ""
+
+
+def write_images(model, folder):
+    """One image per name, of a gray that tells its number."""
+    for i, name in enumerate(model.names):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        matplotlib.image.imsave(path, np.full(
+            (models.HEIGHT_PX, models.WIDTH_PX, 3), 5 * i + 20, np.uint8))
+    return folder
+
+
+def test_looks_through_a_camera(drive, report, tmp_path):
+    model, folder = drive
+    page, _ = report(folder, image_path=write_images(model, tmp_path / "images"))
+    scroll_to_view(page)
+    shown = page.evaluate(f"mgsfmPage.data.imageNames.indexOf('{model.names[3]}')")
+    page.evaluate(f"mgsfmPage.select({{image: {shown}}}); "
+                  "[...document.querySelectorAll('#details button')].at(-1).click()")
+    page.wait_for("document.querySelector('#photo img')?.naturalWidth > 0")
+    settle(page)
+    # Points are drawn on the photo where the image has its keypoints.
+    left, top, right, bottom = rectangle(page, "#photo img")
+    scale = (right - left) / models.WIDTH_PX
+    assert scale == pytest.approx((bottom - top) / models.HEIGHT_PX, rel=1e-3)
+    x, y, points = np.array(model.keypoints[3]).T
+    places = np.c_[left + scale * x, top + scale * y]
+    pixels = project(page, model.points[points.astype(int)])
+    assert np.abs(pixels - places).max() < 2 + 5 * 0.3 * scale
+    # The slider moves to the image of the same camera.
+    page.evaluate("mgsfmPage.setFrame(9)")
+    assert page.evaluate("document.querySelector('#photo img').alt") == (
+        model.names[9])
+    page.evaluate("document.getElementById('stage').focus()")
+    page.press("Escape")
+    assert page.evaluate("mgsfmPage.view.through") is None
+    assert page.complaints() == []
+
+
+def test_images_of_the_frame_follow_the_slider(drive, report, tmp_path):
+    model, folder = drive
+    images = write_images(model, tmp_path / "images #1")
+    page, path = report(folder, image_path=images)
+    shown = "[...document.querySelectorAll('#frame_images img')]"
+    for frame in (2, 11):
+        page.evaluate(f"mgsfmPage.setFrame({frame})")
+        assert page.evaluate(f"{shown}.map((image) => image.alt)") == [
+            f"cam{sensor}/{frame:06}.png" for sensor in (0, 1)]
+    # Photos of full size come from the folder, thumbnails from the page.
+    page.evaluate("mgsfmPage.select({image: 5})")
+    width = "document.querySelector('#details img').naturalWidth"
+    page.wait_for(f"{width} === {models.WIDTH_PX}")
+    images.rename(tmp_path / "elsewhere")
+    page.send("Page.navigate", url=path.as_uri())
+    page.wait_for("Boolean(window.mgsfmPage)")
+    page.evaluate("mgsfmPage.select({image: 5})")
+    page.wait_for(f"{width} > 0 && {width} < {models.WIDTH_PX}")
+
+
+def test_a_cell_of_the_view_graph_shows_its_images(drive, report):
+    model, folder = drive
+    page, _ = report(folder)
+    page.evaluate("document.querySelector('#view_graph svg').scrollIntoView()")
+    left, top, right, _ = rectangle(page, "#view_graph svg")
+    scale = (right - left) / page.evaluate(
+        "document.querySelector('#view_graph svg').viewBox.baseVal.width")
+    frames = (3, 5)
+    page.click(*[start + scale * (edge + 560 * (frame + 0.5) / 20)
+                 for start, edge, frame in ((left, 60, 5), (top, 12, 3))])
+    text = page.evaluate("document.getElementById('pair').innerText")
+    of_frames = [[i for i, name in enumerate(model.names)
+                  if f"{frame:06}" in name] for frame in frames]
+
+    def common(first, second):
+        return len({point for *_, point in model.keypoints[first]}
+                   & {point for *_, point in model.keypoints[second]})
+
+    most = max(common(a, b) for a in of_frames[0] for b in of_frames[1])
+    assert f"{most} common points" in text
+    assert "000003.png" in text and "000005.png" in text
+
+
+def test_takes_missing_colors_from_the_images(report, tmp_path):
+    model = models.make_drive()
+    model.colors[:] = 0
+    page, _ = report(models.write_model(model, tmp_path / "0"),
+                     image_path=write_images(model, tmp_path / "images"))
+    assert page.evaluate("mgsfmPage.view.hasColors")
+    colors = np.reshape(page.evaluate(
+        "[...mgsfmPage.data.arrays.point_color]"), (-1, 3))
+    assert np.ptp(colors, axis=1).max() == 0 and colors.min() >= 20
+
+
+def test_the_wheel_scrolls_until_the_view_was_clicked(drive, report):
+    page, _ = report(drive[1])
+    resize(page, 1024, 500, False)
+    scroll_to_view(page)
+    left, top, right, bottom = rectangle(page, "#stage")
+    distance = ("mgsfmPage.view.camera.position.distanceTo("
+                "mgsfmPage.view.controls.target)")
+    before = page.evaluate(f"[scrollY, {distance}]")
+
+    def turn_wheel():
+        page.send("Input.dispatchMouseEvent", type="mouseWheel",
+                  x=0.5 * (left + right), y=top + 200, deltaX=0, deltaY=-60)
+        settle(page)
+        return page.evaluate(f"[scrollY, {distance}]")
+
+    after = turn_wheel()
+    assert after[0] < before[0] and after[1] == pytest.approx(before[1])
+    scroll_to_view(page)
+    page.click(0.5 * (left + right), top + 200)
+    page.evaluate("document.getElementById('stage').focus()")
+    assert turn_wheel()[1] < 0.99 * before[1]
+    assert page.evaluate(
+        "getComputedStyle(document.getElementById('canvas')).touchAction"
+    ) == "pan-y"
+
+
+def test_a_link_shows_the_same_view(drive, report, browser):
+    page, path = report(drive[1])
+    page.evaluate("mgsfmPage.setFrame(4); mgsfmPage.view.turn(0.7, 0.1); "
+                  "mgsfmPage.view.zoom(0.6)")
+    settle(page)
+    places = ("[mgsfmPage.view.currentFrame, ...mgsfmPage.view.camera.position,"
+              " ...mgsfmPage.view.controls.target]")
+    page.evaluate("document.getElementById('copy_link').click()")
+    link = page.evaluate("location.hash")
+    other = browser.open(path.as_uri() + link)
+    np.testing.assert_allclose(other.evaluate(places), page.evaluate(places),
+                               atol=1e-5)
+
+
+def test_a_picture_replaces_the_view_without_webgl(drive, report):
+    page, path = report(drive[1])
+    page.send("Page.addScriptToEvaluateOnNewDocument",
+              source="HTMLCanvasElement.prototype.getContext = () => null")
+    page.send("Page.reload")
+    page.wait_for("Boolean(document.querySelector('#plan p'))")
+    _, top, _, bottom = rectangle(page, "#plan svg")
+    assert bottom - top > 100
+    assert rectangle(page, "#view")[3] == 0
+    assert "This browser does not draw the 3D view" in page.evaluate(
+        "document.body.innerText")
+
+
+def test_scales_fit_the_values(drive, report):
+    page, _ = report(drive[1])
+    page.evaluate("""(() => {
+        const list = document.getElementById('point_color');
+        list.value = 'error'; list.dispatchEvent(new Event('change'));
+    })()""")
+    legend = page.evaluate("document.getElementById('legend').innerText")
+    errors = np.array(page.evaluate("[...mgsfmPage.data.arrays.point_error]"))
+    assert "reprojection error [px]" in legend
+    assert float(legend.split()[-1]) == pytest.approx(
+        np.quantile(errors, 0.95, method="lower") / 32, rel=0.01)
 
 
 def test_names_are_only_text(tmp_path, report):
@@ -377,7 +600,7 @@ def test_demo_of_the_mapper(tmp_path, mgsfm, browser):
     summary = json.loads((tmp_path / "sparse/report.json").read_text())
     text = page.evaluate("document.body.innerText")
     entry = summary["models"][0]
-    assert str(entry["num_points"]) in text
+    assert f"{entry['num_points']:,}" in text
     for stage in entry["seconds"]:
         assert stage in text
     assert "common points" in page.evaluate(

@@ -153,6 +153,38 @@ TEST(ReportPage, StatesWarningsOfTheReportFirst) {
   EXPECT_THAT(Page(drive), HasSubstr("No warning"));
 }
 
+// A model that is right opens calmly, whatever else the report has.
+TEST(ReportPage, InformationIsNoWarning) {
+  Simulation drive = SmallDrive();
+  drive.ground_truth.rig_from_world[3].reset();
+  EXPECT_THAT(Page(drive, R"({"models": [{"rejected_groups": [{}, {}],
+                              "seams": [{}]}]})"),
+              AllOf(HasSubstr("No warning"),
+                    HasSubstr("1 frames are <a href=\"#missing\">"),
+                    HasSubstr("2 groups of image pairs contradict"),
+                    HasSubstr("1 <a href=\"#seams\">")));
+}
+
+TEST(ReportPage, WarningsAreThoseOfTheModelByCause) {
+  Simulation drive = SmallDrive();
+  drive.ground_truth.rig_from_world[3].reset();
+  Json warnings = Json::array();
+  const auto add = [&](size_t frame_idx, const std::string& text) {
+    const std::string& name = drive.scene.frames[frame_idx].name;
+    warnings.push_back(
+        {{"cause", "rig_moved"}, {"frames", {name, name}}, {"text", text}});
+  };
+  add(3, "of another model");
+  add(4, "first of this one");
+  add(5, "second of this one");
+  const std::string page = Page(drive, Json({{"warnings", warnings}}).dump());
+  EXPECT_THAT(
+      page,
+      AllOf(Not(HasSubstr("of another model")), HasSubstr("first of this one"),
+            HasSubstr("1 more of this cause"),
+            HasSubstr("data-frame=\"" + drive.scene.frames[4].name)));
+}
+
 TEST(ReportPage, LengthsHaveTheUnitOfTheSummary) {
   const Simulation drive = SmallDrive();
   const auto page = [&](const std::string& unit) {
