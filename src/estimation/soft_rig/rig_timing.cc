@@ -23,7 +23,7 @@ namespace {
 // in EstimateRigDelays().
 constexpr int kNumOpenRounds = 2;
 
-constexpr int kNumTriangulations = kNumOpenRounds + 1;
+constexpr int kNumTriangulatedRounds = kNumOpenRounds + 1;
 
 // Converged when motions change by at most this fraction. A share of at most
 // about a half of their error remains in a round, as the motions of a rig
@@ -197,7 +197,7 @@ bool RunRound(const TimingRun& run, int round, TimedRig* rig,
   const std::vector<RigMotion> before = rig->model.motions;
   // The points of the initial model suit the times of frames.
   const bool has_points = round == 0 && !HasMotions(*rig);
-  if (!has_points && round <= kNumTriangulations) {
+  if (!has_points && round <= kNumTriangulatedRounds) {
     TriangulateAgain(seen, run.candidates(seen), run.bundle_options,
                      std::max(0, kNumOpenRounds - round), run.context,
                      &rig->model);
