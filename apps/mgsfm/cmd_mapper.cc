@@ -12,7 +12,7 @@ namespace {
 struct MapperCommandOptions {
   Option<std::string> database_path{"database_path", "", Required(),
                                     "Read the verified matches of this COLMAP "
-                                    "database, which is not changed."};
+                                    "database. The database is not changed."};
   Option<std::string> output_path{
       "output_path", "", Required(),
       "Write the models 0, 1, ... and report.json into this folder. Models of "

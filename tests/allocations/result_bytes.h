@@ -79,7 +79,9 @@ inline constexpr int kNumFields<PositionEstimate> = 3;
 template <>
 inline constexpr int kNumFields<Point3D> = 4;
 template <>
-inline constexpr int kNumFields<Reconstruction> = 4;
+inline constexpr int kNumFields<Reconstruction> = 5;
+template <>
+inline constexpr int kNumFields<RigMotion> = 2;
 template <>
 inline constexpr int kNumFields<SolveSummary> = 5;
 template <>
