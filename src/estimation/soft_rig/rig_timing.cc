@@ -294,11 +294,28 @@ SoftRigResult EstimateRigTiming(const RigTimingInput& timing_input,
   return {std::move(rig.model), std::move(images)};
 }
 
-bool ImagesDifferInTime(const Scene& scene, const CaptureTimes& times) {
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    if (times.images[i] != times.frames[scene.images[i].frame_idx]) return true;
+bool TimesMatter(const Scene& scene, const CaptureTimes& times,
+                 const Reconstruction& model, const Context& context) {
+  Reconstruction moved = model;
+  moved.motions =
+      FindImageMotions(scene, times,
+                       std::vector<double>(scene.sensors.size(), 0.0), model)
+          .since_frame;
+  const std::vector<ImageView> views = MakeImageViews(scene, model);
+  const std::vector<ImageView> moved_views = MakeImageViews(scene, moved);
+  double squares = 0.0, count = 0.0;
+  for (const Point3D& point : model.points) {
+    for (const Observation& o : point.track) {
+      const auto before = views[o.image_idx].Project(point.point_in_world);
+      const auto after = moved_views[o.image_idx].Project(point.point_in_world);
+      if (!before || !after) continue;
+      squares += (*after - *before).squaredNorm();
+      count += 1.0;
+    }
   }
-  return false;
+  const double noise_px = std::max(
+      kMinKeypointSigmaPx, NoiseSigmaPx(scene, model, context.num_threads));
+  return squares > count * 0.01 * noise_px * noise_px;
 }
 
 bool ExplainsMore(const Scene& scene, const Reconstruction& a,

@@ -55,8 +55,11 @@ struct RigTimingInput {
     const RigTimingInput& input, const SoftRigOptions& options,
     const BundleAdjustmentOptions& bundle_options, const Context& context);
 
-// Whether images of one frame have different times.
-bool ImagesDifferInTime(const Scene& scene, const CaptureTimes& times);
+// Whether the motion between the times of frames and their images moves
+// keypoints by more than a tenth of their noise (root mean square), which is 1
+// % of the variance of residuals.
+bool TimesMatter(const Scene& scene, const CaptureTimes& times,
+                 const Reconstruction& model, const Context& context);
 
 // Whether the first of two models of a scene explains more of its keypoints:
 // the sum over observations of 1 - (error / bound)^2, with the smaller of the

@@ -342,9 +342,9 @@ void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
 
 // Bundle adjustment at the times of images and rows.
 SoftRigResult AdjustTimes(const AdjustmentInput& input, BundlePriors priors,
+                          const CaptureTimes& times,
                           const MapperOptions& options, const Context& context,
                           const MapperModel& model) {
-  const CaptureTimes times = FindCaptureTimes(input.scene, true);
   const std::function<CandidateSource(const Scene&)> candidates =
       [&](const Scene& seen) {
         return MakeCandidateSource(seen, input.view_graph, input.matches,
@@ -381,10 +381,14 @@ void KeepImagePoses(const Scene& scene, const MapperOptions& options,
 void UseImageTimes(const AdjustmentInput& input, const BundlePriors& priors,
                    const MapperOptions& options, const Context& context,
                    MapperModel* model) {
-  SoftRigResult timed = AdjustTimes(input, priors, options, context, *model);
+  const auto adjust = [&](bool of_images) {
+    return AdjustTimes(input, priors, FindCaptureTimes(input.scene, of_images),
+                       options, context, *model);
+  };
+  SoftRigResult timed = adjust(true);
   const bool explains_more =
       timed.images.summary.is_usable &&
-      ExplainsMore(input.scene, timed.estimate, model->reconstruction,
+      ExplainsMore(input.scene, timed.estimate, adjust(false).estimate,
                    options.bundle_adjustment, context);
   context.Info(explains_more
                    ? "images are adjusted at their own times, which explain "
@@ -401,8 +405,9 @@ void AdjustModelTimes(const AdjustmentInput& input, const BundlePriors& priors,
                       MapperModel* model) {
   const SoftRig method = options.soft_rig.method;
   if (method == SoftRig::kNone || method == SoftRig::kSoft) return;
+  const CaptureTimes times = FindCaptureTimes(input.scene, true);
   if (method == SoftRig::kAuto &&
-      !ImagesDifferInTime(input.scene, FindCaptureTimes(input.scene, true))) {
+      !TimesMatter(input.scene, times, model->reconstruction, context)) {
     return;
   }
   const RunningStage stage("times of images", context);
@@ -410,7 +415,7 @@ void AdjustModelTimes(const AdjustmentInput& input, const BundlePriors& priors,
     UseImageTimes(input, priors, options, context, model);
   } else {
     KeepImagePoses(input.scene, options,
-                   AdjustTimes(input, priors, options, context, *model),
+                   AdjustTimes(input, priors, times, options, context, *model),
                    context, model);
   }
   stage.Finish(&model->times);

@@ -114,13 +114,22 @@ TEST(RigTimingTest, GivenTimesAreUsed) {
   options.trigger_offset_ms = 30.0;
   Simulation simulation = Simulate(options, WindingPath(40));
   const Reconstruction rigid = AdjustRigid(simulation);
-  EXPECT_FALSE(ImagesDifferInTime(simulation.scene, TimesOf(simulation.scene)));
-  for (Image& image : simulation.scene.images) {
-    if (!simulation.scene.IsReference(image.sensor_idx)) {
-      *image.timestamp_s += 0.030;
+  const auto shift = [&](double time_s) {
+    for (Image& image : simulation.scene.images) {
+      if (!simulation.scene.IsReference(image.sensor_idx)) {
+        *image.timestamp_s += time_s;
+      }
     }
-  }
-  EXPECT_TRUE(ImagesDifferInTime(simulation.scene, TimesOf(simulation.scene)));
+  };
+  const auto times_matter = [&] {
+    return TimesMatter(simulation.scene, TimesOf(simulation.scene), rigid,
+                       Threads(2));
+  };
+  EXPECT_FALSE(times_matter());
+  shift(1e-5);
+  EXPECT_FALSE(times_matter());
+  shift(0.030 - 1e-5);
+  EXPECT_TRUE(times_matter());
   const SoftRigResult timed = Adjust(simulation, rigid, SoftRig::kAuto);
   ASSERT_TRUE(timed.images.summary.is_usable);
   for (const SoftRigSensor& sensor : timed.images.summary.sensors) {
@@ -133,11 +142,7 @@ TEST(RigTimingTest, GivenTimesAreUsed) {
   EXPECT_TRUE(ExplainsMore(simulation.scene, timed.estimate, rigid,
                            bundle_options, Threads(2)));
   // Wrong times explain less.
-  for (Image& image : simulation.scene.images) {
-    if (!simulation.scene.IsReference(image.sensor_idx)) {
-      *image.timestamp_s -= 0.060;
-    }
-  }
+  shift(-0.060);
   const SoftRigResult wrong = Adjust(simulation, rigid, SoftRig::kAuto);
   EXPECT_FALSE(ExplainsMore(simulation.scene, wrong.estimate, rigid,
                             bundle_options, Threads(2)));
