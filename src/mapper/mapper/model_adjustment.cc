@@ -405,6 +405,8 @@ void AdjustModelTimes(const AdjustmentInput& input, const BundlePriors& priors,
                       MapperModel* model) {
   const SoftRig method = options.soft_rig.method;
   if (method == SoftRig::kNone || method == SoftRig::kSoft) return;
+  // Frames that are held keep the poses of their images.
+  if (!input.held.frames.empty()) return;
   const CaptureTimes times = FindCaptureTimes(input.scene, true);
   if (method == SoftRig::kAuto &&
       !TimesMatter(input.scene, times, model->reconstruction, context)) {

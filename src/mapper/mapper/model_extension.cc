@@ -91,7 +91,8 @@ void CheckExtensionOptions(const MapperOptions& options,
         "Mapper.fix_existing_frames fixes the existing model, but position "
         "priors would move it; use one of them");
   }
-  if (options.soft_rig.method != SoftRig::kNone) {
+  const SoftRig method = options.soft_rig.method;
+  if (method != SoftRig::kAuto && method != SoftRig::kNone) {
     throw Error(
         "Mapper.fix_existing_frames fixes images, but SoftRig.method would "
         "move them; use one of them");
