@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "geometry/so3.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/mapper/report.h"
 #include "mgsfm/models/model_io.h"
@@ -93,6 +94,15 @@ TEST(SoftRigImagesTest, JitterIsRemovedFromMatchesToModel) {
   EXPECT_GT(summary["sensors"][0]["rms_position"], 0.01);
   EXPECT_FALSE(summary["sensors"][0]["is_rigid"]);
   EXPECT_TRUE(summary["sensors"][1]["time_offset_s"].is_null());
+}
+
+TEST(SoftRigImagesTest, TimesCannotBeEstimatedWithoutTimes) {
+  Simulation simulation = Simulate(DriveOptions());
+  simulation.scene.images[3].timestamp_s.reset();
+  for (const SoftRig method :
+       {SoftRig::kTimeOffset, SoftRig::kReadout, SoftRig::kBoth}) {
+    EXPECT_THROW(Map(simulation, method), Error);
+  }
 }
 
 TEST(SoftRigImagesTest, ModelOnDiskHasThePosesOfTheImages) {

@@ -30,7 +30,8 @@ struct ReportPageInput {
   std::string report_json = {};           // of the run; "" if unknown
   size_t model_idx = 0;                   // in that report
   std::string image_path = {};            // for thumbnails; "" for none
-  // Of that folder, as the page reaches it, to show photos; "" if unknown.
+  // The address of that folder relative to the page, to show photos; "" if
+  // unknown.
   std::string image_url = {};
   bool is_east_north_up = false;  // the axes of the world
   // Per frame, in [0, 1]; empty if unknown.

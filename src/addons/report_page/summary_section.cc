@@ -54,7 +54,7 @@ std::string Cards(const PageModel& model) {
   return html + "</div>\n";
 }
 
-// How far to trust lengths and poses.
+// The lines that state the accuracy of lengths and poses.
 std::string TrustLine(const PageModel& model) {
   const Json& models = GetArray(Get(model.report, "summary"), "models");
   if (model.input.model_idx >= models.size()) return "";
@@ -157,7 +157,7 @@ std::string WarningList(const PageModel& model) {
   return html + "</ul>\n";
 }
 
-// What is worth a look, but no reason to distrust the model.
+// Observations that are no reason to distrust the model.
 std::string Notes(const PageModel& model) {
   std::vector<std::string> notes;
   const auto add = [&](size_t count, const std::string& text) {

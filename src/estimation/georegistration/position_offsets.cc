@@ -51,7 +51,7 @@ struct Sample {
   Vector3d velocity = Vector3d::Zero();
 };
 
-// In the order of frames.
+// The samples are in the order of frames.
 std::vector<Sample> CollectSamples(const Scene& scene,
                                    const PositionPriors& priors,
                                    const Reconstruction& model) {
@@ -86,7 +86,7 @@ std::vector<Sample> AddVelocities(const std::vector<Sample>& all) {
   return samples;
 }
 
-// What the samples tell about the offsets.
+// The information of the samples about the offsets.
 struct Information {
   Matrix4d total;  // with a known similarity
   Matrix4d left;   // with an unknown one

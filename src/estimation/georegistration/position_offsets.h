@@ -11,7 +11,8 @@
 
 namespace mgsfm {
 
-// How far the clock of measured positions is ahead of that of the images.
+// The time by which the clock of measured positions is ahead of the clock of
+// the images.
 struct ClockOffset {
   double offset_s = 0.0;
   double sigma_s = 0.0;
@@ -19,10 +20,11 @@ struct ClockOffset {
   bool is_significant = false;
 };
 
-// Where the antenna is, relative to cam_from_antenna of the positions.
+// The position of the antenna relative to cam_from_antenna of the positions.
 struct LeverOffset {
-  // In the axes of the antenna. Of three independent directions, only those
-  // count along which the offset is larger by chance in 1 of 10,000 recordings.
+  // The axes are those of the antenna. The offset is zero along those of three
+  // independent directions in which chance exceeds it in 1 of 10,000
+  // recordings.
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   double sigma = 0.0;  // of its length
 

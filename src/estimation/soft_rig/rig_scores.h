@@ -68,8 +68,8 @@ struct RigScores {
 // What known sensor poses determine.
 enum class RigGauge {
   kKnownPoses,  // the scale, and with their priors the poses of sensors
-  // With their priors the poses of sensors and the focal lengths that bundle
-  // adjustment refines; scale is fixed.
+  // The poses of sensors and the focal lengths that bundle adjustment refines,
+  // with their priors; scale is fixed.
   kKnownShape,
   kFixedScale,  // nothing: sensors and focal lengths are free, scale is fixed
 };

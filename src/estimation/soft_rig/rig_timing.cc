@@ -39,6 +39,11 @@ struct TimingRun : RigTimingInput {
   const SoftRigOptions& options;
   BundleAdjustmentOptions bundle_options;
   const Context& context;
+  std::vector<double> intervals;  // median time between frames, per rig
+
+  double IntervalOf(int sensor_idx) const {
+    return intervals[scene.sensors[sensor_idx].rig_idx];
+  }
 };
 
 // The standard deviations of estimated times; nullopt for the others.
@@ -89,9 +94,6 @@ void HoldColumn(Eigen::Index column, RigScores* scores) {
 TimeSigmas HoldUnobservable(const TimingRun& run, TimedRig* rig,
                             RigScores* scores) {
   const Scene& scene = run.scene;
-  const std::vector<double> intervals =
-      FindImageMotions(scene, run.times, rig->delays, rig->model)
-          .median_intervals;
   const std::vector<int> num_images = CountImages(scene, rig->model);
   const std::vector<std::optional<double>> none(scene.sensors.size());
   TimeSigmas sigmas{none, none};
@@ -101,9 +103,8 @@ TimeSigmas HoldUnobservable(const TimingRun& run, TimedRig* rig,
     const auto judge = [&](int sensor_idx, Eigen::Index column,
                            std::optional<double>* sigma, double* value) {
       if (is_held[column]) return;
-      const double interval = intervals[scene.sensors[sensor_idx].rig_idx];
-      *sigma = SigmaOfTime(before, column, num_images[sensor_idx], interval,
-                           run.options);
+      *sigma = SigmaOfTime(before, column, num_images[sensor_idx],
+                           run.IntervalOf(sensor_idx), run.options);
       if (*sigma) return;
       is_held[column] = true;
       *value = 0.0;
@@ -125,13 +126,10 @@ TimeSigmas HoldUnobservable(const TimingRun& run, TimedRig* rig,
 
 // Limits the changes of times to half the interval between frames, within which
 // the trajectory is known.
-void LimitTimes(const TimingRun& run, const TimedRig& rig,
-                const RigScores& scores, Eigen::VectorXd* step) {
-  const std::vector<double> intervals =
-      FindImageMotions(run.scene, run.times, rig.delays, rig.model)
-          .median_intervals;
+void LimitTimes(const TimingRun& run, const RigScores& scores,
+                Eigen::VectorXd* step) {
   const auto limit = [&](int sensor_idx, Eigen::Index column) {
-    const double most = 0.5 * intervals[run.scene.sensors[sensor_idx].rig_idx];
+    const double most = 0.5 * run.IntervalOf(sensor_idx);
     (*step)[column] = std::clamp((*step)[column], -most, most);
   };
   for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
@@ -179,7 +177,10 @@ bool SolveAtTimes(const TimingRun& run, const Scene& seen, TimedRig* rig,
   }
   summary->sigma_px = noise_px();
   UpdateMotions(run.scene, run.times, rig);
-  ScaleToKnownRig(run.scene, &rig->model);
+  // Positions define the unit of length, too.
+  if (run.conditions.priors.positions.IsEmpty()) {
+    ScaleToKnownRig(run.scene, &rig->model);
+  }
   return true;
 }
 
@@ -193,7 +194,8 @@ bool HasMotions(const TimedRig& rig) {
 // One round. Returns false, with a message in the summary, on failure.
 bool RunRound(const TimingRun& run, int round, TimedRig* rig,
               TimeSigmas* sigmas, SoftRigSummary* summary) {
-  const Scene seen = WithoutReadouts(run.scene, *rig);
+  const std::optional<Scene> moved = WithoutReadouts(run.scene, *rig);
+  const Scene& seen = moved ? *moved : run.scene;
   const std::vector<RigMotion> before = rig->model.motions;
   // The points of the initial model suit the times of frames.
   const bool has_points = round == 0 && !HasMotions(*rig);
@@ -219,7 +221,7 @@ bool RunRound(const TimingRun& run, int round, TimedRig* rig,
       IsInsignificant(*scores, step, StepPart::kAll);
   const bool is_last = round + 1 == run.options.max_num_rounds;
   if (summary->has_converged || is_last) return true;
-  LimitTimes(run, *rig, *scores, &step);
+  LimitTimes(run, *scores, &step);
   ApplyStep(run.scene, run.times, *scores, step, rig);
   std::string times;
   for (const double delay : rig->delays) times += Formatted(" %.5f", delay);
@@ -231,13 +233,12 @@ bool RunRound(const TimingRun& run, int round, TimedRig* rig,
   return true;
 }
 
-void Summarize(const TimingRun& run, const TimedRig& rig,
+void Summarize(const TimingRun& run, const Scene& seen, const TimedRig& rig,
                const TimeSigmas& sigmas, SoftRigSummary* summary) {
   const Scene& scene = run.scene;
   summary->is_usable = true;
   const std::vector<ErrorSums> before = SumErrors(scene, run.initial);
-  const std::vector<ErrorSums> after =
-      SumErrors(WithoutReadouts(scene, rig), rig.model);
+  const std::vector<ErrorSums> after = SumErrors(seen, rig.model);
   const std::vector<int> num_images = CountImages(scene, rig.model);
   for (size_t s = 0; s < scene.sensors.size(); ++s) {
     SoftRigSensor sensor;
@@ -271,8 +272,12 @@ SoftRigResult EstimateRigTiming(const RigTimingInput& timing_input,
                                 const SoftRigOptions& options,
                                 const BundleAdjustmentOptions& bundle_options,
                                 const Context& context) {
-  const TimingRun run{timing_input, options, bundle_options, context};
-  TimedRig rig = StartTimedRig(run.scene, run.times, run.initial);
+  TimedRig rig = StartTimedRig(timing_input.scene, timing_input.times,
+                               timing_input.initial);
+  const TimingRun run{timing_input, options, bundle_options, context,
+                      FindImageMotions(timing_input.scene, timing_input.times,
+                                       rig.delays, rig.model)
+                          .median_intervals};
   const SoftRig method = options.method;
   rig.estimates_delays =
       method == SoftRig::kTimeOffset || method == SoftRig::kBoth;
@@ -287,9 +292,10 @@ SoftRigResult EstimateRigTiming(const RigTimingInput& timing_input,
       return {run.initial, {ImagePosesOf(run.scene, run.initial), summary}};
     }
   }
-  Summarize(run, rig, sigmas, &summary);
-  ComputePointErrors(WithoutReadouts(run.scene, rig), context.num_threads,
-                     &rig.model);
+  const std::optional<Scene> moved = WithoutReadouts(run.scene, rig);
+  const Scene& seen = moved ? *moved : run.scene;
+  Summarize(run, seen, rig, sigmas, &summary);
+  ComputePointErrors(seen, context.num_threads, &rig.model);
   SoftRigImages images{ImagePosesOf(run.scene, rig.model), std::move(summary)};
   return {std::move(rig.model), std::move(images)};
 }

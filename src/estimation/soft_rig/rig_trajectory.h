@@ -49,7 +49,7 @@ struct CaptureTimes {
   bool are_seconds = false;
 };
 
-// How rigs move when their images are taken.
+// The motions of rigs at the times of their images.
 struct ImageMotions {
   std::vector<RigMotion> since_frame;  // per image
   // Per image and unit of time: the angular velocity in the rig, the velocity

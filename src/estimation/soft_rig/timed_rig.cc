@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "bundle_adjustment/point_filters.h"
@@ -11,7 +12,7 @@
 #include "bundle_adjustment/solve.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "scene/observations.h"
+#include "soft_rig/soft_rig_problem.h"
 
 namespace mgsfm {
 namespace {
@@ -66,12 +67,13 @@ std::vector<std::vector<double>> DistancesOfKeypoints(
     const Scene& scene, const Reconstruction& model) {
   std::vector<std::vector<double>> distances(scene.images.size());
   std::vector<std::vector<double>> known(scene.images.size());
+  const std::vector<std::optional<Rigid3>> poses = ImagePosesOf(scene, model);
   for (size_t i = 0; i < scene.images.size(); ++i) {
     distances[i].assign(scene.images[i].keypoints_px.size(), 0.0);
   }
   for (const Point3D& point : model.points) {
     for (const Observation& o : point.track) {
-      const auto pose = model.CamFromWorld(scene, o.image_idx);
+      const auto& pose = poses[o.image_idx];
       if (!pose) continue;
       const double distance = (*pose * point.point_in_world).norm();
       distances[o.image_idx][o.keypoint_idx] = distance;
@@ -165,7 +167,8 @@ void ApplyStep(const Scene& scene, const CaptureTimes& times,
 }
 
 void ScaleToKnownRig(const Scene& scene, Reconstruction* model) {
-  double products = 0.0, squares = 0.0;
+  double products = 0.0, squares = 0.0, count = 0.0;
+  Vector3d center = Vector3d::Zero();
   for (size_t s = 0; s < scene.sensors.size(); ++s) {
     const auto& known = scene.sensors[s].sensor_from_rig;
     const auto& pose = model->sensor_from_rig[s];
@@ -173,15 +176,22 @@ void ScaleToKnownRig(const Scene& scene, Reconstruction* model) {
     products += pose->translation.dot(known->translation);
     squares += pose->translation.squaredNorm();
   }
-  if (!(products > 0.0)) return;
+  for (const auto& pose : model->rig_from_world) {
+    if (!pose) continue;
+    center += pose->Center();
+    count += 1.0;
+  }
+  if (!(products > 0.0) || count == 0.0) return;
   Sim3 known_from_model;
   known_from_model.scale = products / squares;
+  known_from_model.translation =
+      (1.0 - known_from_model.scale) * center / count;
   TransformWorld(known_from_model, model);
 }
 
-Scene WithoutReadouts(const Scene& scene, const TimedRig& rig) {
+std::optional<Scene> WithoutReadouts(const Scene& scene, const TimedRig& rig) {
+  if (!rig.estimates_readouts) return std::nullopt;
   Scene moved = scene;
-  if (!rig.estimates_readouts) return moved;
   const Reconstruction& model = rig.model;
   const auto distances = DistancesOfKeypoints(scene, model);
   for (size_t i = 0; i < scene.images.size(); ++i) {

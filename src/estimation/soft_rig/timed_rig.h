@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -32,16 +33,17 @@ void ApplyStep(const Scene& scene, const CaptureTimes& times,
 void UpdateMotions(const Scene& scene, const CaptureTimes& times,
                    TimedRig* rig);
 
-// Scales a model to the known poses of sensors. Residuals do not change,
-// because motions scale, too; solves, in which motions are constant, would take
-// many rounds.
+// Scales a model about its center to the known poses of sensors. Residuals of
+// keypoints do not change, because motions scale, too; solves, in which motions
+// are constant, would take many rounds.
 void ScaleToKnownRig(const Scene& scene, Reconstruction* model);
 
 // The scene with the keypoints that images without readout times would have:
 // moved by the displacement that the motion of the rig causes between the times
 // of the image and of the row. Keypoints of points are as far away as these,
-// others at the median distance of their image.
-Scene WithoutReadouts(const Scene& scene, const TimedRig& rig);
+// others at the median distance of their image. nullopt if no readout times are
+// estimated.
+std::optional<Scene> WithoutReadouts(const Scene& scene, const TimedRig& rig);
 
 // Triangulates the points again. With `num_rounds_left`, errors may be as large
 // as unknown delays could cause.

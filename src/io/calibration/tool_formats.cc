@@ -190,7 +190,7 @@ class KalibrPoses {
     }
     return cam_from_base_;
   }
-  // Of connected cameras; nullopt without T_cam_imu.
+  // The pose for the cameras that are connected; nullopt without T_cam_imu.
   const std::optional<Rigid3>& ImuFromBase() const { return imu_from_base_; }
 
  private:

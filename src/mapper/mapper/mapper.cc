@@ -245,6 +245,7 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
 MapperResult RunMapperBy(const PairStep& map_pairs, const MapperInput& input,
                          const MapperOptions& options, const Context& context) {
   (void)ParseMetricScale(options.metric_scale, input.scene);  // may throw
+  CheckTimes(input.scene, options.soft_rig.method);
   const MapperInput no_priors;
   const SceneMapper map = [&](const Scene& scene, const ViewGraph& matches,
                               const CalibrationPrior& lenses,

@@ -23,6 +23,7 @@
 #include "georegistration/position_registration.h"
 #include "input_check/rig_samples.h"
 #include "mapper/stage.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "soft_rig/rig_delays.h"
 #include "soft_rig/rig_timing.h"
@@ -445,6 +446,19 @@ void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
 }
 
 }  // namespace
+
+void CheckTimes(const Scene& scene, SoftRig method) {
+  if (method == SoftRig::kAuto || method == SoftRig::kNone ||
+      method == SoftRig::kSoft) {
+    return;
+  }
+  for (const Image& image : scene.images) {
+    if (image.timestamp_s) continue;
+    throw Error("SoftRig.method " + std::string(EnumName(method)) +
+                " needs the times of images, but '" + image.name +
+                "' has none");
+  }
+}
 
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,

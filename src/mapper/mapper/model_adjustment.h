@@ -42,6 +42,9 @@ struct AdjustmentInput {
   SharedCalibration* calibration = nullptr;  // of all models, or null
 };
 
+// Throws Error if the method estimates times and an image has none.
+void CheckTimes(const Scene& scene, SoftRig method);
+
 // Turns an initial model into the final one: registration and deformation to
 // the position priors, bundle adjustment with re-established tracks and the
 // calibration of earlier models as prior, or without it if the observations of

@@ -137,16 +137,6 @@ TEST(RigDelaysTest, CovariancesContainTheErrorsByDelays) {
   EXPECT_LT(mahalanobis(), 3.5);
 }
 
-double PathLength(const Reconstruction& model) {
-  double length = 0.0;
-  for (size_t f = 1; f < model.rig_from_world.size(); ++f) {
-    length += (model.rig_from_world[f]->Center() -
-               model.rig_from_world[f - 1]->Center())
-                  .norm();
-  }
-  return length;
-}
-
 // The error of the unit in stated standard deviations.
 double ErrorOfUnit(const Simulation& drive, const Reconstruction& rigid,
                    const RigDelays& delays) {

@@ -154,18 +154,9 @@ TEST(RigTimingTest, KnownRigKeepsTheScale) {
   options.trigger_offset_ms = 30.0;
   options.extrinsics_are_known = true;
   const TimedDrive drive = AdjustDrive(options, 30, SoftRig::kTimeOffset);
-  const auto length = [](const Reconstruction& model) {
-    double sum = 0.0;
-    for (size_t f = 1; f < model.rig_from_world.size(); ++f) {
-      sum += (model.rig_from_world[f]->Center() -
-              model.rig_from_world[f - 1]->Center())
-                 .norm();
-    }
-    return sum;
-  };
-  EXPECT_NEAR(
-      length(drive.timed.estimate) / length(drive.simulation.ground_truth), 1.0,
-      0.01);
+  EXPECT_NEAR(PathLength(drive.timed.estimate) /
+                  PathLength(drive.simulation.ground_truth),
+              1.0, 0.01);
 }
 
 TEST(RigTimingTest, StandingRigDeterminesNoTimes) {

@@ -64,4 +64,14 @@ inline Reconstruction AdjustRigid(const Simulation& drive) {
       .estimate;
 }
 
+inline double PathLength(const Reconstruction& model) {
+  double length = 0.0;
+  for (size_t f = 1; f < model.rig_from_world.size(); ++f) {
+    length += (model.rig_from_world[f]->Center() -
+               model.rig_from_world[f - 1]->Center())
+                  .norm();
+  }
+  return length;
+}
+
 }  // namespace mgsfm
