@@ -21,16 +21,17 @@ struct TimedDrive {
 };
 
 SoftRigResult Adjust(const Simulation& simulation, const Reconstruction& rigid,
-                     SoftRig method) {
+                     SoftRig method,
+                     const RefinementConditions& conditions = {}) {
   const std::function<CandidateSource(const Scene&)> candidates =
       [&](const Scene&) {
         return FixedCandidates(GroupTracks(simulation.ground_truth));
       };
   SoftRigOptions options;
   options.method = method;
-  return EstimateRigTiming(
-      {simulation.scene, TimesOf(simulation.scene), candidates, rigid}, options,
-      BundleAdjustmentOptions(), Threads(2));
+  return EstimateRigTiming({simulation.scene, TimesOf(simulation.scene),
+                            candidates, rigid, conditions},
+                           options, BundleAdjustmentOptions(), Threads(2));
 }
 
 TimedDrive AdjustDrive(const SimulationOptions& options, int num_frames,
@@ -157,6 +158,31 @@ TEST(RigTimingTest, KnownRigKeepsTheScale) {
   EXPECT_NEAR(PathLength(drive.timed.estimate) /
                   PathLength(drive.simulation.ground_truth),
               1.0, 0.01);
+}
+
+// Measured positions outweigh a known rig that is 5 % too large.
+TEST(RigTimingTest, PositionsKeepTheScale) {
+  SimulationOptions options = DriveOptions(RigPreset::kStereo);
+  options.trigger_offset_ms = 30.0;
+  options.extrinsics_are_known = true;
+  Simulation simulation = Simulate(options, WindingPath(40));
+  RefinementConditions conditions;
+  auto& positions = conditions.priors.positions.images;
+  positions.resize(simulation.scene.images.size());
+  for (size_t i = 0; i < positions.size(); ++i) {
+    if (!simulation.scene.IsReference(simulation.scene.images[i].sensor_idx)) {
+      continue;
+    }
+    positions[i].emplace();
+    positions[i]->position = simulation.cam_from_world[i].Center();
+    positions[i]->covariance *= 1e-2;
+  }
+  simulation.scene.sensors[1].sensor_from_rig->translation *= 1.05;
+  const SoftRigResult timed = Adjust(simulation, simulation.ground_truth,
+                                     SoftRig::kTimeOffset, conditions);
+  ASSERT_TRUE(timed.images.summary.is_usable);
+  EXPECT_NEAR(PathLength(timed.estimate) / PathLength(simulation.ground_truth),
+              1.0, 0.005);
 }
 
 TEST(RigTimingTest, StandingRigDeterminesNoTimes) {
