@@ -30,7 +30,9 @@ Simulation DriveWithKnownRig(RigPreset rig, PathPreset path) {
 
 std::string ErrorOf(const Simulation& simulation) {
   try {
-    CheckKnownRigs(simulation.scene, simulation.view_graph);
+    const Bearings bearings = ComputeBearings(simulation.scene, 1);
+    CheckKnownRigs(simulation.scene, {bearings, simulation.view_graph,
+                                      ViewGraphOptions().max_error_px});
   } catch (const Error& error) {
     return error.what();
   }
@@ -69,6 +71,37 @@ TEST(KnownRigsTest, WrongPairsOfAStraightDriveAreNoContradiction) {
     ++num_wrong;
   }
   EXPECT_GT(num_wrong, 40u);
+  EXPECT_EQ(ErrorOf(simulation), "");
+}
+
+// In a cone of five degrees, another direction of the translation explains the
+// matches as well, with another rotation.
+TEST(KnownRigsTest, NarrowOverlapsAreNoContradiction) {
+  Simulation simulation =
+      DriveWithKnownRig(RigPreset::kStereo, PathPreset::kCurve);
+  const Bearings bearings = ComputeBearings(simulation.scene, 1);
+  const Eigen::Vector3d center = Eigen::Vector3d(0.4, 0.0, 1.0).normalized();
+  int num_pairs = 0;
+  for (ImagePair& pair : simulation.view_graph.pairs) {
+    const auto& images = simulation.scene.images;
+    if (images[pair.image_idx1].frame_idx !=
+            images[pair.image_idx2].frame_idx ||
+        !pair.relative_pose || !pair.relative_pose->translation_direction) {
+      continue;
+    }
+    const auto is_outside = [&](const Match& match) {
+      return AngleBetween(bearings.Ray(pair.image_idx1,
+                                       static_cast<int>(match.keypoint_idx1)),
+                          center) > DegToRad(5.0);
+    };
+    pair.matches.erase(
+        std::remove_if(pair.matches.begin(), pair.matches.end(), is_outside),
+        pair.matches.end());
+    Eigen::Vector3d& direction = *pair.relative_pose->translation_direction;
+    direction = ExpSO3(DegToRad(60.0) * Eigen::Vector3d::UnitY()) * direction;
+    ++num_pairs;
+  }
+  EXPECT_GT(num_pairs, 6);
   EXPECT_EQ(ErrorOf(simulation), "");
 }
 

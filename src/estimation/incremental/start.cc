@@ -10,6 +10,7 @@
 #include "geometry/generalized_pose.h"
 #include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -24,22 +25,6 @@ constexpr size_t kMaxNumTries = 100;
 Rigid3 PoseOfPair(const ImagePair& pair) {
   return {pair.relative_pose->cam2_from_cam1,
           *pair.relative_pose->translation_direction};
-}
-
-// The rays of the matches of a pair that have both.
-RayMatches RaysOf(const Bearings& bearings, const ImagePair& pair) {
-  RayMatches rays;
-  for (const Match& match : pair.matches) {
-    const int k1 = static_cast<int>(match.keypoint_idx1);
-    const int k2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, k1) ||
-        !bearings.HasRay(pair.image_idx2, k2)) {
-      continue;
-    }
-    rays.Add(bearings.Ray(pair.image_idx1, k1),
-             bearings.Ray(pair.image_idx2, k2));
-  }
-  return rays;
 }
 
 // The parallax of the matches of a pair; 0 without translation.

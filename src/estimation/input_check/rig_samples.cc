@@ -84,7 +84,7 @@ void SampleCollector::Add(const ImagePair& pair) {
   SamplesOfFrames& frames = samples_[{image_a.sensor_idx, image_b.sensor_idx}];
   if (image_a.frame_idx == image_b.frame_idx) {
     RigSample sample{image_a.frame_idx, b_from_a,
-                     pair.relative_pose->translation_direction};
+                     pair.relative_pose->translation_direction, &pair};
     if (sample.direction && !is_forward) {
       sample.direction = -(b_from_a * *sample.direction);
     }
@@ -94,13 +94,13 @@ void SampleCollector::Add(const ImagePair& pair) {
   if (const auto a_in_g = ImageOf(image_b.frame_idx, image_a.sensor_idx)) {
     if (const auto motion = Rotation(a, *a_in_g)) {
       frames[image_b.frame_idx].push_back(
-          {image_b.frame_idx, b_from_a * *motion, std::nullopt});
+          {image_b.frame_idx, b_from_a * *motion, std::nullopt, nullptr});
     }
   }
   if (const auto b_in_f = ImageOf(image_a.frame_idx, image_b.sensor_idx)) {
     if (const auto motion = Rotation(*b_in_f, b)) {
       frames[image_a.frame_idx].push_back(
-          {image_a.frame_idx, *motion * b_from_a, std::nullopt});
+          {image_a.frame_idx, *motion * b_from_a, std::nullopt, nullptr});
     }
   }
 }
@@ -121,7 +121,9 @@ RigSample SelectSample(const std::vector<RigSample>& samples) {
   }
   RigSample selected = *best;
   for (const RigSample& sample : samples) {
-    if (sample.direction) selected.direction = sample.direction;
+    if (!sample.direction) continue;
+    selected.direction = sample.direction;
+    selected.pair = sample.pair;
   }
   return selected;
 }

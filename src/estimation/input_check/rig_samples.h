@@ -36,8 +36,10 @@ inline constexpr size_t kMinNumRigFrames = kMinNumOfMedian;
 struct RigSample {
   int frame_idx = 0;
   Eigen::Quaterniond b_from_a;
-  // The direction of the translation of b_from_a, for pairs within a frame.
+  // The direction of the translation of b_from_a, for pairs within a frame, and
+  // the pair that measures it.
   std::optional<Eigen::Vector3d> direction;
+  const ImagePair* pair = nullptr;
 };
 
 struct SensorPairSamples {

@@ -12,6 +12,7 @@
 #include "geometry/epipolar.h"
 #include "math/robust_scale.h"
 #include "moving_objects/motion_candidates.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -266,11 +267,7 @@ Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
                                          const ImagePair& pair) {
   const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
                     *pair.relative_pose->translation_direction};
-  RayMatches rays;
-  ForEachRays(problem.bearings, pair,
-              [&](const Match&, const Vector3d& ray1, const Vector3d& ray2) {
-                rays.Add(ray1, ray2);
-              });
+  const RayMatches rays = RaysOf(problem.bearings, pair);
   PoseRefinementOptions options;
   options.loss_scale_rad =
       rays.size() == 0 ? 1.0

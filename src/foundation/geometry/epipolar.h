@@ -126,8 +126,9 @@ struct PoseRefinementOptions {
   int max_num_iterations = 20;
   double step_tolerance_rad = 1e-9;
   double relative_cost_tolerance = 1e-6;
-  // RefineRelativePose refines the direction only.
+  // RefineRelativePose refines the other part only.
   bool is_rotation_fixed = false;
+  bool is_direction_fixed = false;
 };
 
 // R <- Exp(delta[0:3]) R, t <- t + B delta[3:5], normalized. The columns of B

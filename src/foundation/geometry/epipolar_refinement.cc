@@ -67,6 +67,14 @@ struct NormalEquations {
   }
 };
 
+// Excludes coordinates from the step.
+void Fix(int first, int size, NormalEquations<5>* equations) {
+  equations->hessian.middleRows(first, size).setZero();
+  equations->hessian.middleCols(first, size).setZero();
+  equations->hessian.diagonal().segment(first, size).setOnes();
+  equations->gradient.segment(first, size).setZero();
+}
+
 NormalEquations<5> LinearizePose(const RayMatches& matches,
                                  const Rigid3& cam2_from_cam1,
                                  const PoseRefinementOptions& options) {
@@ -75,12 +83,8 @@ NormalEquations<5> LinearizePose(const RayMatches& matches,
   const internal::PoseSums sums = internal::SumSampsonTerms(
       matches, pose, TangentBasis(pose.direction), options.loss_scale_rad);
   NormalEquations<5> equations{sums.hessian, sums.gradient, sums.cost};
-  if (options.is_rotation_fixed) {
-    equations.hessian.topRows<3>().setZero();
-    equations.hessian.leftCols<3>().setZero();
-    equations.hessian.diagonal().head<3>().setOnes();
-    equations.gradient.head<3>().setZero();
-  }
+  if (options.is_rotation_fixed) Fix(0, 3, &equations);
+  if (options.is_direction_fixed) Fix(3, 2, &equations);
   return equations;
 }
 

@@ -34,4 +34,20 @@ std::optional<double> MeanReprojectionErrorPx(
   return sum_px / static_cast<double>(num_errors);
 }
 
+RayMatches RaysOf(const Bearings& bearings, const ImagePair& pair) {
+  RayMatches rays;
+  rays.Reserve(pair.matches.size());
+  for (const Match& match : pair.matches) {
+    const int keypoint1 = static_cast<int>(match.keypoint_idx1);
+    const int keypoint2 = static_cast<int>(match.keypoint_idx2);
+    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
+        !bearings.HasRay(pair.image_idx2, keypoint2)) {
+      continue;
+    }
+    rays.Add(bearings.Ray(pair.image_idx1, keypoint1),
+             bearings.Ray(pair.image_idx2, keypoint2));
+  }
+  return rays;
+}
+
 }  // namespace mgsfm

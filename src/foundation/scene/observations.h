@@ -5,7 +5,10 @@
 #include <optional>
 #include <vector>
 
+#include "geometry/epipolar.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
 
@@ -21,5 +24,8 @@ ObservationGroups GroupTracks(const std::vector<Point3D>& points);
 // without such points.
 std::optional<double> MeanReprojectionErrorPx(
     const Reconstruction& reconstruction);
+
+// The rays of the matches of a pair whose keypoints both have one.
+RayMatches RaysOf(const Bearings& bearings, const ImagePair& pair);
 
 }  // namespace mgsfm
