@@ -18,9 +18,7 @@ shift
 
 # mgsfm_NAME_test of tests/foundation (but math), io, frontend/features and fuzz.
 tests=(base geometry scene
-  calibration database database_merging frames_by_time image_timestamps
-  model_io point_colors pose_priors rig_config rig_configuration
-  scene_loading staged_output trajectory_io
+  calibration database model_io pose_priors rig_configuration
   feature_extraction feature_import image_tags sift fuzz_corpus)
 targets=("${tests[@]/#/mgsfm_}")
 targets=("${targets[@]/%/_test}")

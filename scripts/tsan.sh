@@ -8,10 +8,10 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 tests=(base math rig_solver bundle_adjustment rotation_averaging tracks translation_averaging view_graph
-  matching feature_extraction point_colors database scene_loading registration
+  matching feature_extraction model_io database rig_configuration registration
   soft_rig positions simulator baselines report_page
-  imaging pair_filtering frame_depths mapper mapper_interruption
-  moving_objects live_view)
+  imaging pair_filtering frame_depths mapper
+  hard_scenes live_view)
 targets=("${tests[@]/#/mgsfm_}")
 targets=("${targets[@]/%/_test}")
 scripts/build.sh tsan --target "${targets[@]}"
