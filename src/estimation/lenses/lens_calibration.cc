@@ -10,6 +10,7 @@
 
 #include "base/format.h"
 #include "bundle_adjustment/residual_field.h"
+#include "math/robust_scale.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -27,8 +28,6 @@ constexpr double kPrincipalPointSigma = 0.02;
 constexpr double kSigmaOfExif = 0.1;
 constexpr double kPerspectiveSigmas[] = {0.3, 0.15, 2e-3, 2e-3};
 constexpr double kFisheyeSigmas[] = {0.1, 0.05, 0.02, 0.01};
-// Normal errors exceed this number of standard deviations in 1 of 10,000 cases.
-constexpr double kMaxErrorOfStart = 3.9;
 // The lens change that a view graph tolerates, in multiples of its maximum
 // error.
 constexpr double kMaxChange = 3.0;
@@ -358,7 +357,8 @@ std::vector<Camera> StartOfLenses(const std::vector<Camera>& given,
     const double change =
         std::log(FirstFocalLength(of_camera) / FirstFocalLength(camera));
     if (sigma < kSigmaOfExif &&
-        std::abs(change) < kMaxErrorOfStart * std::hypot(sigma, kSigmaOfExif)) {
+        std::abs(change) <
+            kRareErrorInSigmas * std::hypot(sigma, kSigmaOfExif)) {
       continue;
     }
     of_camera.params = camera.params;
