@@ -83,19 +83,16 @@ void LiveView::ShowMessage(LogLevel level, const std::string& message) {
 }
 
 void LiveView::ShowProgress(const Progress& progress) {
-  const double now_s = since_start_.Seconds();
-  const auto line = progress_.Update(progress, now_s);
+  const auto line = progress_.Update(progress, since_start_.Seconds());
   const bool is_new = progress.stage != stage_;
-  if (is_new) {
-    stage_ = progress.stage;
-    progress_line_.clear();
-    share_ = 0.0;
-  }
-  if (line) {
-    progress_line_ = *line;
-    share_ = progress_.Share();
-  }
-  if (line || (is_new && now_s >= next_state_s_)) PublishState();
+  // What is done after the last step of a stage has no measure.
+  const bool has_ended =
+      !line && progress.done >= progress.total && !progress_line_.empty();
+  if (!is_new && !line && !has_ended) return;
+  stage_ = progress.stage;
+  progress_line_ = line.value_or("");
+  share_ = line ? progress_.Share() : 0.0;
+  PublishState();
 }
 
 void LiveView::ShowModel(const Scene& scene, const Reconstruction& model,
@@ -121,7 +118,6 @@ void LiveView::ShowModel(const Scene& scene, const Reconstruction& model,
 
 void LiveView::PublishState() {
   const double now_s = since_start_.Seconds();
-  next_state_s_ = now_s + kStateInterval_s;
   const nlohmann::ordered_json state = {
       {"stage", stage_},         {"progress", progress_line_},
       {"share", share_},         {"elapsed_s", now_s},

@@ -74,7 +74,6 @@ class LiveView {
   std::vector<std::string> messages_;
   int model_version_ = 0;
   bool is_finished_ = false;
-  double next_state_s_ = 0.0;
   double next_model_s_ = 0.0;
 };
 

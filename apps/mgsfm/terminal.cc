@@ -94,12 +94,14 @@ int EndByInterruption() {
   return 128 + signal;
 }
 
-std::string FormatHoursMinutes(double seconds) {
+std::string FormatTimeLeft(double seconds) {
+  if (seconds <= 60.0) return Formatted("%.0f s", std::ceil(seconds));
   // An estimate of more than a century is meaningless.
   constexpr double kMaxMinutes = 60.0 * 24.0 * 36525.0;
-  const auto minutes = static_cast<long>(
-      std::clamp(std::ceil(seconds / 60.0), 0.0, kMaxMinutes));
-  return Formatted("%ld:%02ld", minutes / 60, minutes % 60);
+  const auto minutes =
+      static_cast<long>(std::min(std::ceil(seconds / 60.0), kMaxMinutes));
+  if (minutes < 60) return Formatted("%ld min", minutes);
+  return Formatted("%ld h %02ld min", minutes / 60, minutes % 60);
 }
 
 std::string ProgressBar(double share, int width) {
@@ -113,28 +115,59 @@ std::string ProgressBar(double share, int width) {
 
 std::optional<std::string> ProgressText::Update(const Progress& progress,
                                                 double now_s) {
-  if (progress.total == 0) return std::nullopt;
-  // The same stage may run once more, for another part of the scene.
-  if (progress.stage != stage_ || progress.done < num_done_at_start_) {
-    stage_ = progress.stage;
-    stage_start_s_ = now_s;
-    num_done_at_start_ = progress.done;
-  }
-  share_ =
-      static_cast<double>(progress.done) / static_cast<double>(progress.total);
-  if (progress.done >= progress.total) {
+  if (progress.total == 0 || progress.done >= progress.total) {
     stage_.clear();
     return std::nullopt;
   }
-  const auto num_new = static_cast<double>(progress.done - num_done_at_start_);
+  // The same stage may run once more, for another part of the scene.
+  if (progress.stage != stage_ || progress.done < num_done_) {
+    Start(progress, now_s);
+  }
+  num_done_ = progress.done;
+  if (progress.total != total_) estimating_stage_ = stage_;
+  const bool is_estimate = estimating_stage_ == stage_;
+  share_ =
+      static_cast<double>(progress.done) / static_cast<double>(progress.total);
+  const auto num_new = static_cast<double>(progress.done - start_.num_done);
   if (num_new == 0.0 || now_s - shown_s_ < interval_s_) return std::nullopt;
   shown_s_ = now_s;
-  const double per_second = num_new / std::max(1e-9, now_s - stage_start_s_);
-  const auto num_left = static_cast<double>(progress.total - progress.done);
-  const std::string numbers = Formatted(
-      per_second < 1000.0 ? ": %zu of %zu, %.3g/s, " : ": %zu of %zu, %.0f/s, ",
-      progress.done, progress.total, per_second);
-  return stage_ + numbers + FormatHoursMinutes(num_left / per_second) + " left";
+  const double per_second = num_new / std::max(1e-9, now_s - start_.time_s);
+  std::string line =
+      stage_ +
+      Formatted(": %zu of %s%zu, ", progress.done, is_estimate ? "about " : "",
+                progress.total) +
+      Formatted(per_second < 1000.0 ? "%.3g/s" : "%.0f/s", per_second);
+  if (is_estimate) return line;
+  if (const auto left_s = Forecast(progress, now_s)) {
+    line += ", " + FormatTimeLeft(*left_s) + " left";
+  }
+  return line;
+}
+
+void ProgressText::Start(const Progress& progress, double now_s) {
+  stage_ = progress.stage;
+  start_ = {now_s, progress.done};
+  total_ = progress.total;
+  mark_.reset();
+}
+
+std::optional<double> ProgressText::Forecast(const Progress& progress,
+                                             double now_s) {
+  const Mark& since = mark_ ? *mark_ : start_;
+  if (progress.done == since.num_done) return std::nullopt;
+  const double left_s = static_cast<double>(progress.total - progress.done) *
+                        (now_s - since.time_s) /
+                        static_cast<double>(progress.done - since.num_done);
+  const double end_s = now_s + left_s;
+  const bool holds =
+      !mark_ || (now_s <= mark_->end_s &&
+                 end_s - mark_->end_s <= 0.5 * (mark_->end_s - mark_->time_s));
+  if (!mark_ ||
+      now_s - start_.time_s >= 2.0 * (mark_->time_s - start_.time_s)) {
+    mark_ = {now_s, progress.done, end_s};
+  }
+  if (!holds) return std::nullopt;
+  return left_s;
 }
 
 namespace {
@@ -185,8 +218,9 @@ class Terminal {
   void ShowProgress(const Progress& progress) {
     if (log_level_ > LogLevel::kInfo) return;
     const auto line = progress_.Update(progress, since_start_.Seconds());
+    if (progress.total == 0) stage_ = progress.stage;
     if (!line) {
-      if (progress.done >= progress.total) ClearProgress();
+      if (progress.done >= progress.total) ShowStage(progress.stage);
     } else if (is_terminal_) {
       ShowLine(*line);
     } else {
@@ -233,6 +267,15 @@ class Terminal {
     progress_is_shown_ = true;
   }
 
+  // A stage whose amount of work is unknown, or that has done a step of it.
+  void ShowStage(std::string_view stage) {
+    ClearProgress();
+    if (!is_terminal_ || stage != stage_) return;
+    std::fprintf(stderr, "%s", FitToTerminal(stage_).c_str());
+    std::fflush(stderr);
+    progress_is_shown_ = true;
+  }
+
   void ClearProgress() {
     if (progress_is_shown_) std::fprintf(stderr, "\r\033[K");
     progress_is_shown_ = false;
@@ -243,6 +286,7 @@ class Terminal {
   bool progress_is_shown_ = false;
   Timer since_start_;
   ProgressText progress_;
+  std::string stage_;                         // that has announced itself last
   std::map<std::string, Repeated> repeated_;  // warnings, by their kind
 };
 

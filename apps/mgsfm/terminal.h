@@ -31,19 +31,27 @@ int InterruptionSignal();
 // container), returns the exit code that a shell would show.
 int EndByInterruption();
 
-// "1:05" for 65 minutes. Rounds up, so that it is 0:00 only at the end.
-std::string FormatHoursMinutes(double seconds);
+// "40 s", "5 min" or "1 h 05 min". Rounds up, so that it is 0 s only at the
+// end.
+std::string FormatTimeLeft(double seconds);
 
 // "[=====>    ]" with `width` characters between the brackets.
 std::string ProgressBar(double share, int width);
 
 // Turns the progress that stages report into lines for a reader, at most one
 // per interval. Times are seconds on any clock.
+//
+// The remaining time follows from the growth since a mark in the last two
+// thirds of the stage. It is shown only while the forecast of that mark holds:
+// its end is not over, and the present one is later by at most half the time
+// that was forecast. Stages that only estimate their total, such as solvers
+// their iterations, have none: they go on for long when little seems to be
+// left.
 class ProgressText {
  public:
   explicit ProgressText(double interval_s) : interval_s_(interval_s) {}
 
-  // "matching: 20 of 80, 4/s, 0:01 left", if it is time for it.
+  // "matching: 20 of 80, 4/s, 15 s left", if it is time for it.
   std::optional<std::string> Update(const Progress& progress, double now_s);
   // The fraction of the stage that was done at the last update.
   double Share() const { return share_; }
@@ -51,10 +59,24 @@ class ProgressText {
   void Postpone(double now_s) { shown_s_ = now_s; }
 
  private:
+  // A moment of the stage, and when its work was expected to end then.
+  struct Mark {
+    double time_s = 0.0;
+    size_t num_done = 0;
+    double end_s = 0.0;
+  };
+
+  void Start(const Progress& progress, double now_s);
+  // The time left, unless earlier forecasts of the stage were wrong.
+  std::optional<double> Forecast(const Progress& progress, double now_s);
+
   double interval_s_;
   std::string stage_;
-  double stage_start_s_ = 0.0;
-  size_t num_done_at_start_ = 0;
+  Mark start_;
+  std::optional<Mark> mark_;
+  size_t num_done_ = 0;
+  size_t total_ = 0;
+  std::string estimating_stage_;  // the last one whose total changed
   double shown_s_ = 0.0;
   double share_ = 0.0;
 };

@@ -16,12 +16,13 @@ using ::testing::IsEmpty;
 using ::testing::Not;
 using ::testing::Optional;
 
-TEST(ProgressText, HoursAndMinutesAreRoundedUp) {
-  EXPECT_EQ(FormatHoursMinutes(0.0), "0:00");
-  EXPECT_EQ(FormatHoursMinutes(1.0), "0:01");
-  EXPECT_EQ(FormatHoursMinutes(60.0), "0:01");
-  EXPECT_EQ(FormatHoursMinutes(3601.0), "1:01");
-  EXPECT_EQ(FormatHoursMinutes(100.0 * 3600.0), "100:00");
+TEST(ProgressText, TheTimeLeftIsRoundedUp) {
+  EXPECT_EQ(FormatTimeLeft(0.0), "0 s");
+  EXPECT_EQ(FormatTimeLeft(0.1), "1 s");
+  EXPECT_EQ(FormatTimeLeft(60.0), "60 s");
+  EXPECT_EQ(FormatTimeLeft(61.0), "2 min");
+  EXPECT_EQ(FormatTimeLeft(3601.0), "1 h 01 min");
+  EXPECT_EQ(FormatTimeLeft(100.0 * 3600.0), "100 h 00 min");
 }
 
 TEST(ProgressText, BarHasItsWidthWhateverTheShare) {
@@ -37,7 +38,7 @@ TEST(ProgressText, SaysRateAndRemainingTime) {
   EXPECT_EQ(text.Update({"matching", 0, 80}, 100.0), std::nullopt);
   EXPECT_EQ(text.Update({"matching", 0, 80}, 200.0), std::nullopt);
   EXPECT_THAT(text.Update({"matching", 20, 80}, 300.0),
-              Optional(Eq("matching: 20 of 80, 0.1/s, 0:10 left")));
+              Optional(Eq("matching: 20 of 80, 0.1/s, 10 min left")));
   EXPECT_DOUBLE_EQ(text.Share(), 0.25);
 }
 
@@ -45,7 +46,7 @@ TEST(ProgressText, HighRatesHaveNoExponent) {
   ProgressText text(1.0);
   text.Update({"stage", 0, 90000}, 0.0);
   EXPECT_THAT(text.Update({"stage", 30000, 90000}, 2.0),
-              Optional(Eq("stage: 30000 of 90000, 15000/s, 0:01 left")));
+              Optional(Eq("stage: 30000 of 90000, 15000/s, 4 s left")));
 }
 
 TEST(ProgressText, OneLinePerInterval) {
@@ -65,7 +66,42 @@ TEST(ProgressText, ARepeatedStageStartsAnew) {
   text.Update({"stage", 10, 10}, 1000.0);
   text.Update({"stage", 0, 10}, 1000.0);
   EXPECT_THAT(text.Update({"stage", 5, 10}, 1010.0),
-              Optional(Eq("stage: 5 of 10, 0.5/s, 0:01 left")));
+              Optional(Eq("stage: 5 of 10, 0.5/s, 10 s left")));
+}
+
+// A solver that always seems to need two more iterations, and its next solve.
+TEST(ProgressText, EstimatedTotalsPromiseNothing) {
+  ProgressText text(0.0);
+  for (size_t i = 0; i < 100; ++i) {
+    const size_t done = i % 50;
+    const auto line =
+        text.Update({"solver", done, done + 2}, 0.1 * static_cast<double>(i));
+    if (done == 0) continue;
+    EXPECT_THAT(
+        line, Optional(AllOf(HasSubstr(" of about "), Not(HasSubstr("left")))));
+  }
+}
+
+// Two quick steps of ten, and slow ones.
+TEST(ProgressText, AForecastThatFailedIsNotRepeated) {
+  ProgressText text(0.0);
+  text.Update({"stage", 0, 10}, 0.0);
+  EXPECT_THAT(text.Update({"stage", 1, 10}, 1.0),
+              Optional(HasSubstr(", 9 s left")));
+  EXPECT_THAT(text.Update({"stage", 2, 10}, 2.0),
+              Optional(HasSubstr(", 8 s left")));
+  EXPECT_THAT(text.Update({"stage", 3, 10}, 30.0),
+              Optional(Not(HasSubstr("left"))));
+}
+
+TEST(ProgressText, ASteadyStageHasATimeUntilItsEnd) {
+  ProgressText text(0.0);
+  text.Update({"matching", 0, 100}, 0.0);
+  for (size_t i = 1; i < 100; ++i) {
+    const std::string left = FormatTimeLeft(static_cast<double>(100 - i));
+    EXPECT_THAT(text.Update({"matching", i, 100}, static_cast<double>(i)),
+                Optional(HasSubstr(", " + left + " left")));
+  }
 }
 
 // The output that a user sees, control sequences included.
@@ -92,7 +128,7 @@ TEST(Terminal, ProgressIsABarThatIsRemovedAtTheEnd) {
       "--output_path " +
       dir.path().string();
   const std::string seen = OnTerminal("TERM=xterm", simulate + "/terminal");
-  EXPECT_THAT(seen, AllOf(HasSubstr("\r\033[K["), HasSubstr("0:01 left")));
+  EXPECT_THAT(seen, AllOf(HasSubstr("\r\033[K["), HasSubstr(" s left")));
   const size_t last_bar = seen.rfind("[K[");
   EXPECT_NE(seen.find("\r\033[K", last_bar), std::string::npos);
 

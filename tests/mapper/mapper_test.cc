@@ -186,11 +186,11 @@ TEST(MapperTest, AnObserverSeesTheModelGrowAndChangesNothing) {
         model.points.size());
   };
   const MapperResult observed = RunMapper(input, MapperOptions(), Threads(2));
-  // First frames alone, then with points; at last the model of the result.
+  // All frames with points from the first positions on; at last the model of
+  // the result.
   ASSERT_GE(sizes.size(), 4u);
   EXPECT_EQ(sizes.front().first, simulation.scene.frames.size());
-  EXPECT_EQ(sizes.front().second, 0u);
-  EXPECT_GT(sizes[2].second, 0u);
+  EXPECT_GT(sizes.front().second, sizes.back().second / 2);
   const Reconstruction& last = observed.models[0].reconstruction;
   EXPECT_EQ(sizes.back().second, last.points.size());
   EXPECT_EQ(MaxPoseDifference(last, Map(simulation).models[0].reconstruction),

@@ -194,7 +194,7 @@ struct MapperResult {
   std::vector<StageTime> times;
 };
 
-// Called as a model grows: when frames have positions, when points exist, and
+// Called as a model grows: when frames have positions, with coarse points, then
 // after each round of bundle adjustment. Coordinates change from call to call.
 // Runs on the thread of the mapper and does not affect results.
 using ModelObserver = std::function<void(const Reconstruction& model)>;

@@ -39,6 +39,7 @@ Context ContextOfSolve(const RefinementInput& input,
                        const BundleSummary& summary) {
   Context context = input.context;
   context.progress = [&](const Progress& solve) {
+    if (solve.done == solve.total) return;  // another solve may follow
     size_t num_before = 0;
     for (const SolveSummary& earlier : summary.solves) {
       num_before += static_cast<size_t>(earlier.num_iterations);

@@ -34,6 +34,8 @@ class LevenbergMarquardt {
       }
     }
     summary_.final_cost = cost_;
+    const auto num_done = static_cast<size_t>(summary_.num_iterations);
+    context_.ReportProgress("solver", num_done, num_done);
     return summary_;
   }
 

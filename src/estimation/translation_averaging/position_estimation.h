@@ -50,7 +50,8 @@ struct PositionInput {
   // cam2_from_cam1 of pairs from the motion of the rig (moving_objects.h), in
   // one unit of length; null or empty: unknown.
   const std::vector<std::optional<Rigid3>>* pair_on_path = nullptr;
-  // Called with positions without points as they improve; may be null.
+  // Called with positions as they improve, and points that these triangulate;
+  // may be null.
   std::function<void(const PositionEstimate&)> observer = {};
 };
 

@@ -69,10 +69,14 @@ TranslationResult AverageTranslations(
   TranslationState state =
       MeasureAllPairs(input, options, context, hooks.length_hints);
   log.Finish("baselines of pairs");
+  const TrackRays rays = ComputeTrackRays(state.problem, input.bearings,
+                                          input.tracks, context.num_threads);
   const auto observe = [&] {
     if (!hooks.observer) return;
-    hooks.observer(
-        MakePositionEstimate(input.scene, state.problem, state.placed));
+    PositionsAndPoints shown = state.placed;
+    TriangulateAgain(state.ToRefine(), rays, kCoarseErrorRad, options,
+                     context.num_threads, &shown);
+    hooks.observer(MakePositionEstimate(input.scene, state.problem, shown));
   };
   if (hooks.initialize) {
     hooks.initialize(&state);
@@ -90,8 +94,6 @@ TranslationResult AverageTranslations(
   if (hooks.select_pairs && hooks.objective.refine_cameras) {
     hooks.select_pairs(&state);
   }
-  const TrackRays rays = ComputeTrackRays(state.problem, input.bearings,
-                                          input.tracks, context.num_threads);
   TrackRefinement refined =
       RefineWithTracks(state.ToRefine(), state.placed.positions, rays, options,
                        context, hooks.objective);

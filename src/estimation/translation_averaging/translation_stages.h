@@ -127,7 +127,7 @@ struct TranslationHooks {
   std::function<void(TranslationState*)> initialize = {};
   // Removes used pairs after stage 3, if the objective has that stage.
   std::function<void(TranslationState*)> select_pairs = {};
-  // Called with positions without points as they improve.
+  // Called with positions as they improve, and points that these triangulate.
   std::function<void(const PositionEstimate&)> observer = {};
   // Receives the state after the last stage.
   std::function<void(TranslationState)> finish = {};

@@ -47,7 +47,7 @@ IncrementalResult Grow(const MapperRunInput& run, const VerifiedPairs& pairs,
       {run.options.extension.resection, run.options.bundle_adjustment,
        run.options.tracks, run.options.match_selection,
        run.options.min_num_frames},
-      run.context, run.input.observer);
+      stage.context(), run.input.observer);
   stage.Finish(times);
   return grown;
 }

@@ -49,7 +49,7 @@ EstimatedRotations AverageAll(const Run& run, const ViewGraph& view_graph,
   EstimatedRotations rotations = EstimateRotations(
       {run.scene, view_graph, index, run.input.gravity_priors, verdicts},
       {run.options.rotation_averaging, run.options.pair_filtering},
-      run.context);
+      stage.context());
   stage.Finish(times);
   return rotations;
 }
@@ -92,12 +92,12 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
                       &measured.motion.pair_on_path};
   if (const ModelObserver& observer = run.input.observer) {
     input.observer = [&](const PositionEstimate& positions) {
-      observer(JoinEstimates(scene, rotations, positions, {}));
+      observer(JoinEstimates(scene, rotations, positions, tracks));
     };
   }
   PositionResult positions = measured.estimate_positions(
       input, {run.options.translation_averaging, run.options.pair_filtering},
-      run.context);
+      stage.context());
   stage.Finish(&model->times);
   model->translation = std::move(positions.summary);
   if (with_rig) {
@@ -120,7 +120,7 @@ std::vector<MapperModel> MapComponent(const Run& run, const Measured& measured,
   const RunningStage stage("tracks", run.context);
   const TrackResult tracks = EstablishTracks(
       run.scene, measured.pairs.view_graph, rotations.pair_is_inlier,
-      run.options.tracks, run.context);
+      run.options.tracks, stage.context());
   stage.Finish(&model.times);
   model.tracks = tracks.summary;
   PositionResult positions =
@@ -222,7 +222,7 @@ MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
   }
   if (!is_checked) return result;
   const RunningStage stage("input check", run.context);
-  CheckInput(pairs, run.input, run.options, run.context, &result);
+  CheckInput(pairs, run.input, run.options, stage.context(), &result);
   stage.Finish(&result.times);
   return result;
 }

@@ -263,8 +263,8 @@ void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
   const auto refine = [&](const char* name, Reconstruction start) {
     const RunningStage stage(name, context);
     BundleResult refined = RefineReconstruction(
-        input.scene, MakeObservedSource(input, options, context),
-        std::move(start), options.bundle_adjustment, context,
+        input.scene, MakeObservedSource(input, options, stage.context()),
+        std::move(start), options.bundle_adjustment, stage.context(),
         {*priors, input.held});
     stage.Finish(&model->times);
     return refined;
@@ -301,7 +301,7 @@ void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
     const RunningStage stage("covariances", context);
     model->covariances =
         ComputeCovariances(scene, model->reconstruction,
-                           options.bundle_adjustment, context, priors);
+                           options.bundle_adjustment, stage.context(), priors);
     stage.Finish(&model->times);
   }
   if (!model->delays || !model->covariances || !model->covariances->is_usable) {
@@ -415,11 +415,12 @@ void AdjustModelTimes(const AdjustmentInput& input, const BundlePriors& priors,
   }
   const RunningStage stage("times of images", context);
   if (method == SoftRig::kAuto) {
-    UseImageTimes(input, priors, options, context, model);
+    UseImageTimes(input, priors, options, stage.context(), model);
   } else {
-    KeepImagePoses(input.scene, options,
-                   AdjustTimes(input, priors, times, options, context, *model),
-                   context, model);
+    KeepImagePoses(
+        input.scene, options,
+        AdjustTimes(input, priors, times, options, stage.context(), *model),
+        context, model);
   }
   stage.Finish(&model->times);
 }
@@ -440,7 +441,7 @@ void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
            MakeCandidateSource(separate, input.view_graph, input.matches,
                                input.pair_is_used, options, context),
            model->reconstruction, std::move(priors)},
-          options.soft_rig, options.bundle_adjustment, context),
+          options.soft_rig, options.bundle_adjustment, stage.context()),
       context, model);
   stage.Finish(&model->times);
 }
@@ -493,7 +494,7 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   AdjustModelTimes(input, used_priors, options, context, model);
   const RunningStage stage("delays of cameras", context);
   model->delays = EstimateDelays(
-      input, options, context, model->reconstruction,
+      input, options, stage.context(), model->reconstruction,
       model->soft_rig_images ? &model->soft_rig_images->summary : nullptr);
   stage.Finish(&model->times);
   AddCovariances(input, used_priors, options, context, model);

@@ -174,8 +174,8 @@ void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
   const RunningStage stage("resection", context);
   ExtendedModel extended =
       AddFrames({scene, pairs.bearings, view_graph, start}, candidates,
-                options.extension.resection, options.bundle_adjustment, context,
-                input.observer);
+                options.extension.resection, options.bundle_adjustment,
+                stage.context(), input.observer);
   stage.Finish(&model.times);
   model.extension = std::move(extended.summary);
   model.extension->frames_are_fixed = are_fixed;
@@ -203,22 +203,23 @@ MapperResult TriangulatePoints(const MapperInput& input,
   MapperResult result;
   MapperModel model;
   const RunningStage verification("view graph", context);
-  const ViewGraphResult verified =
-      EstimateViewGraph(scene, ComputeBearings(scene, context.num_threads),
-                        input.view_graph, options.view_graph, context);
+  const ViewGraphResult verified = EstimateViewGraph(
+      scene, ComputeBearings(scene, context.num_threads), input.view_graph,
+      options.view_graph, verification.context());
   verification.Finish(&result.times);
   result.view_graph = verified.summary;
   const CandidateSource candidates = MakeCandidateSource(
       scene, verified.estimate, input.view_graph,
       Mask(verified.estimate.pairs.size(), true), options, context);
   const RunningStage triangulation("triangulation", context);
-  Reconstruction initial = TriangulateCandidates(
-      scene, candidates, start, options.bundle_adjustment, context);
+  Reconstruction initial =
+      TriangulateCandidates(scene, candidates, start, options.bundle_adjustment,
+                            triangulation.context());
   triangulation.Finish(&model.times);
   const RunningStage refinement("refinement", context);
   BundleResult bundle =
       RefineReconstruction(scene, candidates, std::move(initial),
-                           options.bundle_adjustment, context);
+                           options.bundle_adjustment, refinement.context());
   refinement.Finish(&model.times);
   model.bundle = std::move(bundle.summary);
   model.reconstruction = std::move(bundle.estimate);

@@ -40,7 +40,7 @@ MapperResult MapWithLenses(const MapperInput& input,
   std::vector<StageTime> times;
   const RunningStage pair_stage("focal lengths", context);
   FocalLengthResult focal_lengths = CalibrateFocalLengths(
-      scene, input.view_graph, options.focal_lengths, context);
+      scene, input.view_graph, options.focal_lengths, pair_stage.context());
   pair_stage.Finish(&times);
   LogFocalLengths(scene, focal_lengths, context);
   const std::vector<Camera> start =
@@ -60,7 +60,7 @@ MapperResult MapWithLenses(const MapperInput& input,
   if (!input.existing_model) {
     const RunningStage lens_stage("lenses", context);
     const MapperOptions of_rounds = OptionsOfRounds(options);
-    Context quiet = context;
+    Context quiet = lens_stage.context();
     quiet.log = nullptr;
     const LensMapper map_round = [&](const Lenses& of_round,
                                      const ViewGraph& matches) {
@@ -73,7 +73,7 @@ MapperResult MapWithLenses(const MapperInput& input,
       return model;
     };
     lenses = CalibrateLenses({scene, input.scene.cameras, start, uncalibrated},
-                             map_round, lens_options, context);
+                             map_round, lens_options, lens_stage.context());
     lens_stage.Finish(&times);
   }
   MapperResult result = map(lenses.lenses, uncalibrated, options, context);

@@ -19,7 +19,7 @@ void VerifyMatches(const char* stage_name, const MapperOptions& options,
   const RunningStage stage(stage_name, context);
   ViewGraphResult verified =
       EstimateViewGraph(pairs->scene, pairs->bearings, pairs->matches(),
-                        options.view_graph, context);
+                        options.view_graph, stage.context());
   stage.Finish(&result->times);
   pairs->view_graph = std::move(verified.estimate);
   result->view_graph = verified.summary;
@@ -81,7 +81,7 @@ MotionOfScene RemoveMovingObjects(const FramePairIndex& index,
                          pairs->matches(), rotations},
                         {options.translation_averaging.min_parallax_deg,
                          options.view_graph, options.pair_filtering},
-                        context);
+                        stage.context());
   stage.Finish(times);
   if (motion.verdicts.empty()) return {};
   auto pair_of_scene = std::exchange(motion.pair_of_scene, {});

@@ -14,6 +14,7 @@
 #include "bundle_adjustment/relative_covariance.h"
 #include "geometry/so3.h"
 #include "mapper/model_adjustment.h"
+#include "mapper/stage.h"
 #include "mgsfm/base/mask.h"
 #include "registration/side_motion.h"
 #include "seams/motion_jumps.h"
@@ -227,7 +228,11 @@ std::vector<MapperModel> TestSeams(
          motions.confirmed},
         options, context);
   };
-  model.confidence = confidence_of(input.pair_is_used, model);
+  {
+    const RunningStage stage("seams", context);
+    model.confidence = confidence_of(input.pair_is_used, model);
+    stage.Finish(&model.times);
+  }
   RealignSides(index, options, context, confidence_of, &input, &model);
   const std::vector<Seam> seams = SeamsToSplit(input.scene, model, options);
   if (seams.empty()) return {std::move(model)};
