@@ -420,7 +420,8 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                 options.input.loading,
                 options.priors,
                 options.mapper,
-                OptionsToJsonOf(given)};
+                OptionsToJsonOf(given),
+                OptionsToJsonOf(AutomaticReconstructorOptions())};
   run.baseline = options.baseline;
   run.write_report = options.write_report;
   run.live = live.get();

@@ -65,14 +65,23 @@ int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
   if (options.max_memory_mib > 0) ReturnLargeBlocks();
   const auto live = LiveView::Start(options.live, options.output_path, context);
-  const MapperRun run{options.database_path,  options.output_path,
-                      options.image_path,     options.output_format,
-                      options.loading,        options.priors,
-                      options.mapper,         OptionsToJsonOf(options),
-                      options.input_path,     options.image_list_path,
-                      options.baseline,       options.rig_split,
-                      options.write_report,   live.get(),
-                      options.max_memory_mib, options.fixed_region_mask_path};
+  const MapperRun run{options.database_path,
+                      options.output_path,
+                      options.image_path,
+                      options.output_format,
+                      options.loading,
+                      options.priors,
+                      options.mapper,
+                      OptionsToJsonOf(options),
+                      OptionsToJsonOf(MapperCommandOptions()),
+                      options.input_path,
+                      options.image_list_path,
+                      options.baseline,
+                      options.rig_split,
+                      options.write_report,
+                      live.get(),
+                      options.max_memory_mib,
+                      options.fixed_region_mask_path};
   if (options.partition.num_clusters > 0) {
     return PartitionDatabase(run, options.partition, context);
   }

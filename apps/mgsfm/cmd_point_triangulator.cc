@@ -5,6 +5,7 @@
 #include "commands.h"
 #include "files/file_operations.h"
 #include "files/staged_output.h"
+#include "mapper/stage.h"
 #include "mapper_run.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/mapper/report.h"
@@ -74,15 +75,16 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   run.input_path = options.input_path;
   run.loading = options.loading;
   run.options_json = OptionsToJsonOf(options);
+  run.default_options_json = OptionsToJsonOf(PointTriangulatorOptions());
   RunDescription description = DescribeInput(run, context);
 
-  const StageTimer reading;
+  const RunningStage reading("reading", context);
   const LoadedInput input =
       LoadMapperInput(run, {!options.clear_points, true}, context);
   const Scene& scene = input.mapper.scene;
   CheckFormat(scene, options.output_format);
   description.rig_source = input.rig_source;
-  description.times.push_back(reading.Stop("reading"));
+  reading.Finish(&description.times);
 
   MapperResult result =
       TriangulatePoints(input.mapper, StageOptions(options), context);
@@ -91,12 +93,12 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
                 "no point could be triangulated from the matches");
     return kExitNotSolvable;
   }
-  const StageTimer writing;
-  ColorModels(scene, options.image_path, context, &result);
+  const RunningStage writing("writing", context);
+  ColorModels(scene, options.image_path, writing.context(), &result);
   const Reconstruction& model = result.models.front().reconstruction;
   WriteModelAndRig(output.StagingDir(), scene, model, options.output_format,
                    context);
-  description.times.push_back(writing.Stop("writing"));
+  writing.Finish(&description.times);
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(
       output.StagingDir() / "report.json",

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper_run.h"
 
+#include <algorithm>
+#include <ctime>
 #include <exception>
 #include <filesystem>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <string>
 #include <system_error>
@@ -19,6 +22,7 @@
 #include "fixed_region_masks.h"
 #include "live_view.h"
 #include "mapper/run_summary.h"
+#include "mapper/stage.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
@@ -27,6 +31,7 @@
 #include "mgsfm/rigs/rig_config.h"
 #include "models/point_colors.h"
 #include "partition_run.h"
+#include "program.h"
 #include "rigs/image_times.h"
 
 namespace mgsfm {
@@ -49,6 +54,30 @@ auto UsePoses(const Scene& scene, const MapperModel& model, const Use& use) {
                             model.soft_rig_images->cam_from_world));
 }
 
+// The poses of a model and those with its images at their measured positions.
+std::optional<PoseComparison> ComparePositions(const Scene& scene,
+                                               const Reconstruction& model,
+                                               const PositionPriors& priors) {
+  PoseComparison comparison;
+  for (const Frame& frame : scene.frames) {
+    for (const int i : frame.image_idxs) {
+      const auto pose = model.CamFromWorld(scene, i);
+      if (!pose || !priors.images[i]) continue;
+      const Eigen::Vector3d residual =
+          priors.images[i]->position - priors.images[i]->PointInWorld(*pose);
+      const Rigid3 moved{pose->rotation,
+                         pose->translation - pose->rotation * residual};
+      comparison.images.push_back({scene.images[i].name, true, moved, *pose});
+    }
+  }
+  if (comparison.images.empty()) return std::nullopt;
+  EvaluationOptions options;
+  options.alignment = Alignment::kNone;
+  comparison.evaluation = Evaluate(comparison.images, true, {}, options);
+  comparison.evaluation.rotation_deg.reset();  // positions only
+  return comparison;
+}
+
 std::string MakePage(const fs::path& folder, const std::string& image_path,
                      const MapperInput& input, const MapperResult& result,
                      size_t model_idx, const std::string& report_json,
@@ -62,9 +91,12 @@ std::string MakePage(const fs::path& folder, const std::string& image_path,
         page.model_idx = model_idx;
         page.image_path = image_path;
         page.image_url = PageUrl(image_path, folder);
-        page.is_east_north_up = model.position_priors &&
-                                model.position_priors->is_registered &&
-                                input.position_priors.origin_wgs84;
+        if (model.position_priors && model.position_priors->is_registered) {
+          page.is_east_north_up =
+              input.position_priors.origin_wgs84.has_value();
+          page.positions =
+              ComparePositions(scene, poses, input.position_priors);
+        }
         if (!HasSeparateImages(model)) {
           page.frame_confidence = model.confidence.of_frame;
         }
@@ -85,6 +117,7 @@ std::string WriteReportPages(const fs::path& output_path,
   for (size_t i = 0; i < result.models.size(); ++i) {
     const fs::path folder = output_path / std::to_string(i);
     const fs::path path = folder / kReportPageFileName;
+    context.ReportProgress("report page", i, result.models.size());
     try {
       std::string page =
           MakePage(folder, image_path, input, result, i, report_json, context);
@@ -155,9 +188,10 @@ void IgnoreRigs(LoadedScene* loaded) {
   loaded->rig_source = "ignored, each image is a rig of its own";
 }
 
-// Logs the final lines of a run.
+// Logs the final lines of a run; the last one names the page, if it has one.
 void LogSummary(const MapperRun& run, const Scene& scene,
-                const MapperResult& result, const Context& context) {
+                const MapperResult& result, bool has_page,
+                const Context& context) {
   for (const std::string& line : DescribeRun(SummarizeRun(scene, result))) {
     context.Info(line);
   }
@@ -168,9 +202,10 @@ void LogSummary(const MapperRun& run, const Scene& scene,
     context.Info(
         "next: repeat with --compute_covariances 1 for the accuracy of all "
         "poses");
-  } else {
-    context.Info("next: view a model with `colmap gui --import_path " +
-                 (output / "0").string() + "`");
+  }
+  if (has_page) {
+    context.Info("open in a browser: " +
+                 (output / "0" / kReportPageFileName).string());
   }
 }
 
@@ -230,12 +265,46 @@ std::string PageUrl(const std::string& image_path,
   return fs::proximate(image_path, folder).generic_string() + "/";
 }
 
+namespace {
+
+// As a JSON object by the full names of the options.
+std::string ChangedOptions(const std::string& json,
+                           const std::string& default_json) {
+  using Json = nlohmann::ordered_json;
+  const Json defaults = Json::parse(default_json).flatten();
+  const Json values = Json::parse(json).flatten();
+  Json changed = Json::object();
+  for (const auto& [path, value] : values.items()) {
+    if (defaults.contains(path) && defaults[path] == value) continue;
+    std::string name = path.substr(1);
+    std::replace(name.begin(), name.end(), '/', '.');
+    changed[name] = value;
+  }
+  return changed.dump();
+}
+
+std::string DateText() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof(text), "%Y-%m-%d %H:%M UTC", &utc);
+  return text;
+}
+
+}  // namespace
+
 RunDescription DescribeInput(const MapperRun& run, const Context& context) {
   RunDescription description;
   description.version = Version();
   description.database_path = run.database_path;
   description.input_path = run.input_path;
   description.options_json = run.options_json;
+  description.changed_options_json =
+      ChangedOptions(run.options_json, run.default_options_json);
+  description.command = ThisCall().command;
+  description.commit = ThisCall().commit;
+  description.date = DateText();
   description.random_seed = context.random_seed;
   return description;
 }
@@ -312,17 +381,16 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   // Reports contradictions before anything is read.
   MapperOptions resolved = run.mapper;
   ResolveBaseline(run.baseline, &resolved);
-  context.Debug("reading started");
   StagedOutput output(run.output_path);
   RunDescription description = DescribeInput(run, context);
 
-  const StageTimer reading;
+  const RunningStage reading("reading", context);
   LoadedInput input = LoadMapperInput(run, StartUse(), context);
   SetTimestamps(run.mapper.soft_rig.method, &input.mapper.scene);
   const Scene& scene = input.mapper.scene;
   CheckFormat(scene, run.output_format);
   description.rig_source = input.rig_source;
-  description.times.push_back(reading.Stop("reading"));
+  reading.Finish(&description.times);
   input.mapper.position_priors =
       ReadPositionPriors(scene, run.database_path, run.priors);
   LogPositions(input.mapper.position_priors, context);
@@ -334,13 +402,12 @@ int MapDatabase(const MapperRun& run, const Context& context) {
 
   MapperResult result =
       RunBaseline(run.baseline, input.mapper, run.mapper, context);
-  context.Debug("writing started");
-  const StageTimer writing;
-  ColorModels(scene, run.image_path, context, &result);
+  const RunningStage writing("writing", context);
+  ColorModels(scene, run.image_path, writing.context(), &result);
   WriteModels(input.mapper, result, run.output_format, output.StagingDir(),
               context);
   KeepGeoOrigin(run.input_path, result, output.StagingDir());
-  description.times.push_back(writing.Stop("writing"));
+  writing.Finish(&description.times);
   description.peak_memory_mib = PeakMemoryMib();
   const std::string report_json =
       MapperReportToJson(scene, input.mapper.view_graph, result, description);
@@ -361,7 +428,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
     return kExitNotSolvable;
   }
   LogMissingColors(run.image_path, context);
-  LogSummary(run, scene, result, context);
+  LogSummary(run, scene, result, !first_page.empty(), context);
   if (run.live) run.live->Finish(first_page);
   return kExitSuccess;
 }

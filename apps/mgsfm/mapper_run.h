@@ -28,6 +28,7 @@ struct MapperRun {
   PosePriorOptions priors;
   MapperOptions mapper;
   std::string options_json;          // of the command, for the report
+  std::string default_options_json;  // the same without any argument
   std::string input_path = {};       // model to extend; may be empty
   std::string image_list_path = {};  // images to use; empty: all
   BaselineOptions baseline = {};     // by default the mapper itself

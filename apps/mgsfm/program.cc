@@ -258,10 +258,39 @@ void ReserveStandardStreams() {
   }
 }
 
+ProgramCall& MutableCall() {
+  static ProgramCall call;
+  return call;
+}
+
+std::string QuotedForShell(const std::string& word) {
+  constexpr char kPlain[] =
+      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./"
+      ",:=+@%";
+  if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) {
+    return word;
+  }
+  std::string quoted = "'";
+  for (const char c : word) {
+    if (c == '\'') {
+      quoted += R"('\'')";
+    } else {
+      quoted += c;
+    }
+  }
+  return quoted + "'";
+}
+
 }  // namespace
+
+const ProgramCall& ThisCall() { return MutableCall(); }
 
 int RunProgram(const std::vector<std::string>& arguments,
                const std::string& commit) {
+  MutableCall() = {"mgsfm", commit};
+  for (const std::string& word : arguments) {
+    MutableCall().command += " " + QuotedForShell(word);
+  }
   ReserveStandardStreams();
   CatchInterruptions();
   // Turns these signals into failed writes: a closed log reader must not end

@@ -20,6 +20,9 @@ export function cameraColoring(data, property) {
               colorOf: (i) => sequentialColor(arrays.frame_confidence[frameOf(i)])};
     case 'truth':
       return byValue(`position error [${header.unit}]`, arrays.truth_position_error, frameOf);
+    case 'measured':
+      return byValue(`distance to measured position [${header.unit}]`,
+                     arrays.measured_position_error, frameOf);
     case 'other':
       return byValue(`position difference [${header.unit}]`, arrays.other_position_error, frameOf);
     case 'time':

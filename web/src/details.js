@@ -139,6 +139,7 @@ export class Details {
       rows.push(['position', `${position.map((x) => formatNumber(x, 6)).join(', ')} ${data.header.unit}`]);
     }
     this.addErrors('truth', 'error of the frame', frame, rows);
+    this.addErrors('measured', 'distance to the measured position', frame, rows);
     this.addErrors('other', 'difference of the frame', frame, rows);
     const look = element('button', {type: 'button', textContent: 'look through'});
     look.addEventListener('click', () => view.lookThrough(image));
@@ -149,7 +150,8 @@ export class Details {
     const positions = this.data.arrays[`${prefix}_position_error`];
     if (!positions || !Number.isFinite(positions[frame])) return;
     const rotation = this.data.arrays[`${prefix}_rotation_error_deg`][frame];
-    rows.push([label, `${formatNumber(positions[frame])} ${this.data.header.unit}, ${formatNumber(rotation, 3)}°`]);
+    rows.push([label, `${formatNumber(positions[frame])} ${this.data.header.unit}` +
+        (prefix === 'measured' ? '' : `, ${formatNumber(rotation, 3)}°`)]);
   }
 
   showPoint(point) {

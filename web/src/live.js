@@ -28,6 +28,7 @@ export class LiveRun {
     this.numFailures = 0;
     this.lastElapsed_s = -1;
     byId('live').hidden = false;
+    document.body.classList.add('live');
     this.poll();
   }
 
@@ -70,7 +71,9 @@ export class LiveRun {
     }
     const elapsed_s = state.elapsed_s + (performance.now() - this.lastChange_ms) / 1000;
     byId('live_time').textContent = `running for ${formatTime(elapsed_s)}`;
-    byId('live_messages').replaceChildren(...state.messages.map((text) => {
+    if (state.messages.length === 0) return;
+    byId('live_message').textContent = state.messages.at(-1);
+    byId('live_messages').replaceChildren(...state.messages.slice(0, -1).reverse().map((text) => {
       const item = document.createElement('li');
       item.textContent = text;
       return item;

@@ -80,6 +80,7 @@ export function buildControls(root, data, view, loadPoints) {
                         ['points', 'points'], ['time', 'time']];
   if (arrays.frame_confidence) cameraColors.push(['confidence', 'confidence']);
   if (arrays.truth_center) cameraColors.push(['truth', 'error against the truth']);
+  if (arrays.measured_center) cameraColors.push(['measured', 'distance to measured positions']);
   if (arrays.other_center) cameraColors.push(['other', 'difference to the other model']);
   root.append(
       select('cameras by', 'camera_color', cameraColors, options.cameraColor,
@@ -101,6 +102,10 @@ export function buildControls(root, data, view, loadPoints) {
       check('grid', 'show_grid', options.showGrid, change('showGrid')));
   if (arrays.truth_center) {
     root.append(check('ground truth (green)', 'show_truth', options.showTruth, change('showTruth')));
+  }
+  if (arrays.measured_center) {
+    root.append(check('measured path (orange)', 'show_measured', options.showMeasured,
+                      change('showMeasured')));
   }
   if (arrays.other_center) {
     root.append(check('other model (violet)', 'show_other', options.showOther, change('showOther')));

@@ -33,6 +33,10 @@ const SWING_RAD = 0.3, SWING_MS = 30000;
 
 const BAD = [0.84, 0.29, 0.32];
 const PATH = 0xd5e6ff;
+const OTHER_PATHS = {
+  showTruth: ['truth_center', 0x3ecf8e], showOther: ['other_center', 0xc58af9],
+  showMeasured: ['measured_center', 0xffb454],
+};
 const SELECTED = [0.9, 0.15, 0.55];
 
 function hasGraphicsProcessor() {
@@ -51,7 +55,7 @@ export class SceneView {
     this.options = {
       cameraColor: 'camera', pointColor: null, pointSize: 2, cameraSize: 1,
       showCameras: true, showPoints: true, showPath: true, showTruth: true,
-      showGrid: true, showOther: true, follow: false,
+      showGrid: true, showOther: true, showMeasured: true, follow: false,
     };
     this.currentFrame = 0;
     this.selection = null;  // {image} or {point}
@@ -159,14 +163,14 @@ export class SceneView {
     const thin = thinOut(registered, 300);
     this.coarsePath = makeLines(
         pathSegments(thin, maxStep * registered.length / thin.length), PATH);
-    this.truthLines = this.makeOtherPath('truth_center', 0x3ecf8e);
-    this.otherLines = this.makeOtherPath('other_center', 0xc58af9);
+    this.otherPaths = Object.entries(OTHER_PATHS).map(
+        ([option, [name, color]]) => [option, this.makeOtherPath(name, color)]);
     this.seamLines = makeLines(seamMarks(data.header.seams, this.path, 2 * this.step), 0xff6a5e);
     this.rays = makeLines(new Float32Array(0), 0xe5268c);
     this.measureLine = makeLines(new Float32Array(0), 0xe5268c);
     this.highlight = makePoints(new Float32Array(0), 5);
     this.scene.add(this.points, this.frames, this.pathLines, this.coarsePath, this.seamLines,
-                   this.truthLines, this.otherLines, this.rays, this.measureLine, this.highlight,
+                   ...this.otherPaths.map(([, lines]) => lines), this.rays, this.measureLine, this.highlight,
                    this.bodies.object, this.current.object, this.grid);
   }
 
@@ -562,8 +566,7 @@ export class SceneView {
       [this.pathLines, options.showPath && !isCoarse && isOutside],
       [this.coarsePath, options.showPath && isCoarse && isOutside],
       [this.seamLines, options.showPath && isOutside],
-      [this.truthLines, options.showTruth && isOutside],
-      [this.otherLines, options.showOther && isOutside],
+      ...this.otherPaths.map(([option, lines]) => [lines, options[option] && isOutside]),
       [this.grid, options.showGrid && isDetailed && isOutside],
     ];
     for (const [object, isShown] of choices) object.visible = isShown;

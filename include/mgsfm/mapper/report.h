@@ -17,6 +17,11 @@ struct RunDescription {
   std::string input_path;    // folder of the existing model, or ""
   std::string rig_source;    // source of rigs and frames, in words
   std::string options_json;  // all options, as a JSON object
+  // Those that differ from their defaults, by their full names.
+  std::string changed_options_json = "{}";
+  std::string command;  // as typed; "" if unknown
+  std::string commit;   // of the sources; "" if unknown
+  std::string date;     // "2026-11-29 08:15 UTC"; "" if unknown
   uint64_t random_seed = 0;
   std::vector<StageTime> times;  // times of reading and writing
   double peak_memory_mib = 0.0;

@@ -41,6 +41,9 @@ struct ReportPageInput {
   // cam_from_model holds poses of another model, cam_from_world those of the
   // reconstruction.
   std::optional<PoseComparison> other = {};
+  // cam_from_model holds the poses of the reconstruction, moved to the measured
+  // positions of their images, cam_from_world those of the reconstruction.
+  std::optional<PoseComparison> positions = {};
 };
 
 // Stores a file beside the page.

@@ -270,12 +270,14 @@ std::string Title(const Evaluation& evaluation,
                       " images registered";
   if (evaluation.position_m) {
     const ErrorStatistics& position = *evaluation.position_m;
-    const ErrorStatistics& rotation = *evaluation.rotation_deg;
     title += "; position " + labels.difference + ": mean " +
              FormatNumber(position.mean, 4) + ", median " +
              FormatNumber(position.median, 4) + ", max " +
-             FormatNumber(position.max, 4) + " " + labels.length_unit +
-             "; rotation: mean " + FormatNumber(rotation.mean, 3) + ", max " +
+             FormatNumber(position.max, 4) + " " + labels.length_unit;
+  }
+  if (evaluation.rotation_deg) {
+    const ErrorStatistics& rotation = *evaluation.rotation_deg;
+    title += "; rotation: mean " + FormatNumber(rotation.mean, 3) + ", max " +
              FormatNumber(rotation.max, 3) + " deg";
   }
   return title;
@@ -296,13 +298,17 @@ std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
   const Panel map = MakeMapPanel(path, view);
   const double first_top = kHeader + map.size.y() + kGap;
   const double second_top = first_top + kErrorPanel + kGap;
-  SvgDrawing drawing(kWidth, second_top + kErrorPanel + kGap - 12.0);
+  const bool has_rotations = evaluation.rotation_deg.has_value();
+  SvgDrawing drawing(
+      kWidth,
+      (has_rotations ? second_top + kErrorPanel + kGap : second_top) - 12.0);
   drawing.Text({kLeft, 24.0}, Title(evaluation, labels));
   DrawLegend(labels, 46.0, &drawing);
   DrawMap(path, view, labels, map, &drawing);
   DrawErrors(
       path, labels, first_top, "position", labels.length_unit,
       [](const PathPoint& p) { return p.position_m; }, &drawing);
+  if (!has_rotations) return drawing.ToString();
   DrawErrors(
       path, labels, second_top, "rotation", "deg",
       [](const PathPoint& p) { return p.rotation_deg; }, &drawing);

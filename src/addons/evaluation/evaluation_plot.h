@@ -23,9 +23,10 @@ struct EvaluationLabels {
 
 // An SVG plot of an evaluation: the estimated and true paths in top view, with
 // the true positions of unregistered frames, and the position and rotation
-// errors over the traveled distance. Shows only images of reference sensors in
-// their order; lines connect consecutive images unless they are far apart. The
-// vertical direction is the mean up direction of the true cameras.
+// errors, if there are any, over the traveled distance. Shows only images of
+// reference sensors in their order; lines connect consecutive images unless
+// they are far apart. The vertical direction is the mean up direction of the
+// true cameras.
 std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
                             const Evaluation& evaluation,
                             const EvaluationLabels& labels = {});

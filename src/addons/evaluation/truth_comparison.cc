@@ -332,20 +332,23 @@ TruthComparison CompareWithModel(const TruthSource& source,
   }
   TruthComparison comparison;
   std::vector<int> true_image_of_image(model.scene.images.size(), -1);
-  for (size_t i = 0; i < truth.scene.images.size(); ++i) {
-    const int true_idx = static_cast<int>(i);
-    const std::string& name = truth.scene.images[i].name;
-    ImagePoses poses{name,
-                     is_reference[truth.scene.images[i].sensor_idx].value_or(
-                         truth.IsReference(true_idx)),
-                     std::nullopt, truth.cam_from_world[i]};
-    const auto found = image_of_name.find(name);
+  const auto add = [&](int true_idx) {
+    const Image& image = truth.scene.images[true_idx];
+    ImagePoses poses{
+        image.name,
+        is_reference[image.sensor_idx].value_or(truth.IsReference(true_idx)),
+        std::nullopt, truth.cam_from_world[true_idx]};
+    const auto found = image_of_name.find(image.name);
     if (found != image_of_name.end()) {
       const size_t image_idx = found->second;
       true_image_of_image[image_idx] = true_idx;
       poses.cam_from_model = model.cam_from_world[image_idx];
     }
     comparison.images.push_back(std::move(poses));
+  };
+  // Paths follow the order of frames, which is not that of names.
+  for (const Frame& frame : truth.scene.frames) {
+    std::for_each(frame.image_idxs.begin(), frame.image_idxs.end(), add);
   }
   if (std::none_of(comparison.images.begin(), comparison.images.end(),
                    [](const ImagePoses& image) {

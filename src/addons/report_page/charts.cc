@@ -128,7 +128,7 @@ std::string ErrorHistogramChart(const PageModel& model) {
   if (model.statistics.errors.num_errors == 0) return "";
   const std::vector<int> sensors = ChartSensors(model);
   constexpr double kPlotHeight = 110.0;
-  const Grid grid{10.0, kPlotHeight + 72.0};
+  const Grid grid{kHistogramColumns.top, kPlotHeight + 72.0};
   SvgDrawing drawing(kWidth, grid.Bottom(sensors.size()));
   for (size_t panel = 0; panel < sensors.size(); ++panel) {
     const SensorStatistics& sensor = model.statistics.sensors[sensors[panel]];
@@ -227,7 +227,7 @@ std::string ErrorMapChart(const PageModel& model) {
         max_aspect, static_cast<double>(model.statistics.sensors[i].num_rows) /
                         SensorStatistics::kNumColumns);
   }
-  Grid grid{36.0, 0.0};
+  Grid grid{kMapColumns.top, 0.0};
   const double width = grid.panel_width - 24.0;
   grid.panel_height = max_aspect * width + 40.0;
   SvgDrawing drawing(kWidth, grid.Bottom(sensors.size()));

@@ -12,8 +12,9 @@ namespace mgsfm {
 // sensors show those with the most images.
 
 // Columns of the charts of sensors and of RigChart().
-constexpr Columns kSensorColumns = {12.0, 920.0 / 3.0, 3};
-constexpr Columns kRigColumns = {10.0, 470.0, 2};
+constexpr Columns kHistogramColumns = {12.0, 920.0 / 3.0, 3, 10.0};
+constexpr Columns kMapColumns = {12.0, 920.0 / 3.0, 3, 36.0};
+constexpr Columns kRigColumns = {10.0, 470.0, 2, 0.0};
 
 // Per sensor, the registered fraction of its images over the frames, as HTML
 // that fills the width.

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
+#include "base/text.h"
 #include "base/text_streams.h"
 #include "evaluation/svg.h"
 #include "report_page/chart_parts.h"
@@ -31,6 +33,22 @@ std::string Themed(std::string svg) {
     }
   }
   return svg;
+}
+
+// The documentation has no address that a page without a network could link to.
+std::string GuideOf(const std::string& section_id) {
+  static const std::map<std::string, std::string> kGuides = {
+      {"registration", "few_images_registered"},
+      {"missing", "few_images_registered"},
+      {"seams", "weak_seams"},
+      {"truth", "accuracy_of_a_result"},
+      {"comparison", "compare_methods"},
+      {"error_maps", "intrinsics"},
+      {"rigs", "rigs_and_frames"},
+      {"view_graph", "duplicate_structures"},
+      {"run", "time_and_memory"}};
+  const auto found = kGuides.find(section_id);
+  return found == kGuides.end() ? "inspect_a_result" : found->second;
 }
 
 }  // namespace
@@ -94,8 +112,8 @@ std::string Section(const std::string& id, const std::string& title,
                     const std::string& intro, const std::string& content) {
   if (content.empty()) return "";
   return "<section id=\"" + id + "\"><h2>" + title +
-         "</h2>\n<p class=\"muted\">" + intro + "</p>\n" + content +
-         "</section>\n";
+         "</h2>\n<p class=\"muted\">" + intro + " Guide: <code>docs/guides/" +
+         GuideOf(id) + ".md</code></p>\n" + content + "</section>\n";
 }
 
 std::string FrameLink(const std::string& frame_name) {
@@ -124,12 +142,21 @@ std::string ThemedColumns(const std::string& svg, const std::string& label,
   const std::string id = "chart_" + label.substr(0, label.find(' '));
   const std::string width = FormatNumber(columns.width, 2);
   std::string html = "<figure class=\"chart columns\">";
-  const size_t num_columns =
-      std::min(num_panels, static_cast<size_t>(columns.max_num));
-  for (size_t i = 0; i < num_columns; ++i) {
-    const double x = columns.first_x + columns.width * static_cast<double>(i);
+  const size_t num_columns = static_cast<size_t>(columns.max_num);
+  const size_t num_rows = (num_panels + num_columns - 1) / num_columns;
+  const double panel_height =
+      (ParseDouble(height).value_or(0.0) - columns.top) /
+      static_cast<double>(num_rows);
+  for (size_t i = 0; i < num_panels; ++i) {
+    const double x =
+        columns.first_x + columns.width * static_cast<double>(i % num_columns);
+    const double y =
+        columns.top + panel_height * static_cast<double>(i / num_columns);
+    const double head = i == 0 ? columns.top : 0.0;
     html += "<svg role='img' aria-label='" + label + "' width='" + width +
-            "' viewBox='" + FormatNumber(x, 2) + " 0 " + width + " " + height +
+            "' viewBox='" + FormatNumber(x, 2) + " " +
+            FormatNumber(y - head, 2) + " " + width + " " +
+            FormatNumber(panel_height + head, 2) +
             "' font-family='sans-serif' font-size='13' fill='currentColor'>" +
             (i == 0 ? "<g id='" + id + "'>" + body + "</g>"
                     : "<use href='#" + id + "'/>") +

@@ -39,11 +39,12 @@ std::string FrameLink(const std::string& frame_name);
 // A drawing in the colors of the theme.
 std::string ThemedChart(const std::string& svg, const std::string& label);
 
-// Columns of a drawing, of equal width in its px, which a page sets one below
-// the other where it is narrow.
+// Panels of a drawing, row by row and of equal size in its px, below a head of
+// `top` px. A page sets them one below the other where it is narrow.
 struct Columns {
   double first_x, width;
   int max_num;
+  double top;
 };
 
 // The first word of the label is the id of the drawing.

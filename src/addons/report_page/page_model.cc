@@ -2,6 +2,7 @@
 #include "report_page/page_model.h"
 
 #include <algorithm>
+#include <iterator>
 
 #include "base/parallel.h"
 #include "mgsfm/base/error.h"
@@ -180,8 +181,8 @@ PageModel MakePageModel(const ReportPageInput& input,
           std::move(entry)};
 }
 
-std::map<std::string, int> FramesByName(const Scene& scene) {
-  std::map<std::string, int> frame_of_name;
+FramesOfNames FramesByName(const Scene& scene) {
+  FramesOfNames frame_of_name;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     frame_of_name[scene.frames[i].name] = static_cast<int>(i);
   }
@@ -189,18 +190,19 @@ std::map<std::string, int> FramesByName(const Scene& scene) {
 }
 
 std::optional<std::pair<int, int>> FrameRange(
-    const nlohmann::ordered_json& names,
-    const std::map<std::string, int>& frame_of_name) {
+    const nlohmann::ordered_json& names, const FramesOfNames& frame_of_name) {
   if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
       !names[1].is_string()) {
     return std::nullopt;
   }
-  const auto first = frame_of_name.find(names[0].get<std::string>());
-  const auto last = frame_of_name.find(names[1].get<std::string>());
-  if (first == frame_of_name.end() || last == frame_of_name.end()) {
+  const auto first = frame_of_name.lower_bound(names[0].get<std::string>());
+  const auto end = frame_of_name.upper_bound(names[1].get<std::string>());
+  if (first == frame_of_name.end() || end == frame_of_name.begin()) {
     return std::nullopt;
   }
-  return std::make_pair(first->second, last->second);
+  const auto range = std::make_pair(first->second, std::prev(end)->second);
+  if (range.first > range.second) return std::nullopt;
+  return range;
 }
 
 std::string LengthUnit(const PageModel& model) {

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/natural_order.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/report_page/report_page.h"
 #include "mgsfm/scene/estimates.h"
@@ -135,12 +136,20 @@ inline std::optional<double> GetNumber(const nlohmann::ordered_json& object,
   return value.get<double>();
 }
 
-std::map<std::string, int> FramesByName(const Scene& scene);
+// By name, in the natural order that frames have without times.
+struct ByName {
+  bool operator()(const std::string& a, const std::string& b) const {
+    return IsNaturallyBefore(a, b) || (!IsNaturallyBefore(b, a) && a < b);
+  }
+};
+using FramesOfNames = std::map<std::string, int, ByName>;
+FramesOfNames FramesByName(const Scene& scene);
 
-// The indices of the frames in [first name, last name].
+// The indices of the first and the last frame in [first name, last name]. A
+// page without the database lacks frames without a pose, also those that begin
+// or end a range.
 std::optional<std::pair<int, int>> FrameRange(
-    const nlohmann::ordered_json& names,
-    const std::map<std::string, int>& frame_of_name);
+    const nlohmann::ordered_json& names, const FramesOfNames& frame_of_name);
 
 // "m" if the report states that the model is metric, else "units".
 std::string LengthUnit(const PageModel& model);

@@ -426,6 +426,10 @@ Json AddFixedParts(const PageModel& model, const ShownImages& shown,
                   arrays);
     header["truth"] = {{"label", model.input.truth->label}};
   }
+  if (model.input.positions) {
+    AddComparison(model, *model.input.positions, false, shown, origin,
+                  "measured", arrays);
+  }
   if (model.input.other) {
     AddComparison(model, *model.input.other, false, shown, origin, "other",
                   arrays);

@@ -2,6 +2,7 @@
 #include "report_page/sections.h"
 
 #include <algorithm>
+#include <functional>
 #include <tuple>
 
 #include "evaluation/evaluation_plot.h"
@@ -33,6 +34,17 @@ std::string FocalLengthCell(const PageModel& model, const Camera& camera) {
   return "";
 }
 
+// The share of the image plane where points are seen, by the cells of the map
+// of errors.
+std::string CoverageCell(const SensorStatistics& sensor) {
+  const auto num_seen = std::count_if(
+      sensor.cells.begin(), sensor.cells.end(),
+      [](const ImageCell& cell) { return cell.num_residuals > 0; });
+  return Number(100.0 * static_cast<double>(num_seen) /
+                    static_cast<double>(sensor.cells.size()),
+                0, "%");
+}
+
 std::string SensorTable(const PageModel& model) {
   const Scene& scene = model.input.scene;
   std::vector<Row> rows;
@@ -49,25 +61,42 @@ std::string SensorTable(const PageModel& model) {
     rows.push_back(
         {Text(scene.sensors[i].name.empty() ? "images" : scene.sensors[i].name),
          Share(s.num_registered, s.num_images), Count(s.errors.num_points),
-         Number(s.errors.MeanErrorPx(), 3),
+         CoverageCell(s), Number(s.errors.MeanErrorPx(), 3),
          std::string(info ? info->name : "?") + " " +
              Count(static_cast<size_t>(camera.width_px)) + "&times;" +
              Count(static_cast<size_t>(camera.height_px)),
          params, FocalLengthCell(model, camera)});
   }
-  return Table({"camera", "images registered", "observations",
-                "mean error [px]", "model", "parameters", "focal length [px]"},
-               rows);
+  return Table(
+      {"camera", "images registered", "observations", "coverage of the image",
+       "mean error [px]", "model", "parameters", "focal length [px]"},
+      rows);
 }
 
+// Successive frames that miss for the same reason share a row.
 std::string MissingTable(const PageModel& model) {
-  std::vector<Row> rows;
+  struct Group {
+    std::string first, last, reason;
+    size_t num_frames = 0;
+  };
+  std::vector<Group> groups;
   for (const Json& frame : GetArray(model.report, "unregistered_frames")) {
-    rows.push_back({Text(GetText(frame, "name")),
-                    Text(GetText(frame, "reason")),
-                    FrameLink(GetText(frame, "name"))});
+    const std::string name = GetText(frame, "name");
+    const std::string reason = GetText(frame, "reason");
+    if (groups.empty() || groups.back().reason != reason) {
+      groups.push_back({name, name, reason, 0});
+    }
+    groups.back().last = name;
+    ++groups.back().num_frames;
   }
-  return Table({"frame", "reason", "in the view"}, rows);
+  std::vector<Row> rows;
+  for (const Group& group : groups) {
+    rows.push_back(
+        {Text(group.num_frames == 1 ? group.first
+                                    : group.first + " to " + group.last),
+         Count(group.num_frames), Text(group.reason), FrameLink(group.first)});
+  }
+  return Table({"frames", "number", "reason", "in the view"}, rows);
 }
 
 // The stretches of frames on one side of a seam.
@@ -211,6 +240,22 @@ std::string TruthContent(const PageModel& model) {
                      "path and errors against the truth");
 }
 
+std::string PositionsContent(const PageModel& model) {
+  if (!model.input.positions) return "";
+  const PoseComparison& positions = *model.input.positions;
+  std::vector<Row> rows;
+  for (const Json& outlier :
+       GetArray(Get(model.model_report, "position_priors"), "outliers")) {
+    rows.push_back({Text(GetText(outlier, "image")),
+                    Number(GetNumber(outlier, "distance"), 2, "m")});
+  }
+  return ErrorTable(positions.evaluation, "m") +
+         ThemedChart(EvaluationToSvg(positions.images, positions.evaluation,
+                                     {"model", "measured", "residual", "m"}),
+                     "map and residuals of measured positions") +
+         Table({"position that the model contradicts", "residual"}, rows);
+}
+
 std::string ComparisonContent(const PageModel& model) {
   if (!model.input.other) return "";
   const Evaluation& evaluation = model.input.other->evaluation;
@@ -227,22 +272,34 @@ std::string ComparisonContent(const PageModel& model) {
              "path and differences of both models");
 }
 
-// The stages of a run and of its model with their total, as bars.
+// The stages of a run and of its model with their total, as bars. Those of the
+// run that follow the models come last.
 std::string StageTable(const PageModel& model) {
   std::vector<std::tuple<std::string, double, std::optional<double>>> stages;
   double total_s = 0.0, max_s = 0.0;
-  for (const Json* report : {&model.report, &model.model_report}) {
-    const Json& seconds = Get(*report, "seconds");
-    if (!seconds.is_object()) continue;
-    for (const auto& [name, value] : seconds.items()) {
-      if (!value.is_number()) continue;
-      stages.emplace_back(
-          name, value.get<double>(),
-          GetNumber(Get(*report, "peak_memory_mib_after"), name.c_str()));
-      total_s += value.get<double>();
-      max_s = std::max(max_s, value.get<double>());
-    }
-  }
+  const auto add =
+      [&](const Json& report,
+          const std::function<bool(const std::string&)>& is_added) {
+        const Json& seconds = Get(report, "seconds");
+        if (!seconds.is_object()) return;
+        for (const auto& [name, value] : seconds.items()) {
+          if (!value.is_number() || !is_added(name)) continue;
+          stages.emplace_back(
+              name, value.get<double>(),
+              GetNumber(Get(report, "peak_memory_mib_after"), name.c_str()));
+          total_s += value.get<double>();
+          max_s = std::max(max_s, value.get<double>());
+        }
+      };
+  const auto is = [](const char* stage) {
+    return [=](const std::string& name) { return name == stage; };
+  };
+  add(model.report, [](const std::string& name) {
+    return name != "input check" && name != "writing";
+  });
+  add(model.model_report, [](const std::string&) { return true; });
+  add(model.report, is("input check"));
+  add(model.report, is("writing"));
   std::vector<Row> rows;
   for (const auto& [name, seconds, peak_mib] : stages) {
     const double share = 100.0 * seconds / std::max(max_s, 1e-9);
@@ -263,7 +320,20 @@ std::string RunContent(const PageModel& model) {
   const auto add = [&](const char* name, const std::string& text) {
     if (!text.empty()) rows.push_back({name, Text(text)});
   };
-  add("program", GetText(model.report, "mgsfm_version"));
+  add("written", GetText(model.report, "date"));
+  const std::string commit = GetText(model.report, "commit");
+  add("program", GetText(model.report, "mgsfm_version") +
+                     (commit.empty() ? "" : ", commit " + commit));
+  add("command", GetText(model.report, "command"));
+  const Json& changed = Get(model.report, "changed_options");
+  if (changed.is_object()) {
+    std::string list;
+    for (const auto& [name, value] : changed.items()) {
+      list += (list.empty() ? "" : ", ") + name + " " +
+              (value.is_string() ? value.get<std::string>() : value.dump());
+    }
+    add("options that differ from their defaults", list);
+  }
   add("database", GetText(input, "database_path"));
   add("rigs", GetText(input, "rig_source"));
   for (const char* key : {"num_pairs", "num_matches", "num_keypoints"}) {
@@ -274,7 +344,7 @@ std::string RunContent(const PageModel& model) {
   const Json& options = Get(model.report, "options");
   return StageTable(model) + Table({"", "value"}, rows) +
          (options.is_null() ? ""
-                            : "<details><summary>Options</summary><pre>" +
+                            : "<details><summary>All options</summary><pre>" +
                                   EscapeHtml(Shorten(options.dump(1), 20000)) +
                                   "</pre></details>\n");
 }
@@ -287,8 +357,8 @@ std::string DetailSections(const PageModel& model) {
                  "Frames from left to right, in the order of the slider: green "
                  "are registered, orange in part, red not.",
                  RegistrationBars(model) + SensorTable(model)) +
-         Section("missing", "Frames that are not registered",
-                 "The reason for each, from the report of the run.",
+         Section("missing", "Frames in no model",
+                 "The reasons, from the report of the run.",
                  MissingTable(model)) +
          Section("seams", "Seams",
                  "Places where few matches hold two parts of the model "
@@ -297,6 +367,10 @@ std::string DetailSections(const PageModel& model) {
          Section("truth", "Errors against the ground truth",
                  "After alignment of the model with the truth.",
                  TruthContent(model)) +
+         Section("positions", "Measured positions",
+                 "Distances of the model from the measured positions of its "
+                 "images.",
+                 PositionsContent(model)) +
          Section("comparison", "Comparison of two models",
                  "After alignment of the other model with this one.",
                  ComparisonContent(model)) +
@@ -304,14 +378,14 @@ std::string DetailSections(const PageModel& model) {
                  "Between keypoints and projected points, per camera.",
                  ThemedColumns(ErrorHistogramChart(model),
                                "errors of reprojection per camera",
-                               kSensorColumns, num_sensors)) +
+                               kHistogramColumns, num_sensors)) +
          Section(
              "error_maps", "Reprojection errors over the image plane",
              "Color: mean error; arrows: mean residual where significant; "
              "empty parts have no observation. Arrows that form a pattern "
              "show a wrong lens model.",
              ThemedColumns(ErrorMapChart(model), "maps of reprojection errors",
-                           kSensorColumns, num_sensors)) +
+                           kMapColumns, num_sensors)) +
          Section("tracks", "Track lengths",
                  "Points by the number of images "
                  "that see them.",
@@ -331,7 +405,7 @@ std::string DetailSections(const PageModel& model) {
                      RejectedPairsTable(model)) +
          Section("run", "Run",
                  "Stages with their time and the peak of memory "
-                 "so far, and the options.",
+                 "so far, the command and its options.",
                  RunContent(model));
 }
 

@@ -101,7 +101,7 @@ std::string WarningText(const Json& warning) {
 
 // A warning about frames belongs to the models that have one of them.
 bool IsOfModel(const PageModel& model, const Json& warning,
-               const std::map<std::string, int>& frame_of_name) {
+               const FramesOfNames& frame_of_name) {
   bool is_known = false;
   for (const Json& name : GetArray(warning, "frames")) {
     const auto frame = name.is_string()
@@ -165,7 +165,7 @@ std::string Notes(const PageModel& model) {
   };
   const size_t num_frames = model.input.scene.frames.size();
   add(num_frames - model.statistics.num_registered_frames,
-      "frames are <a href=\"#missing\">not registered</a>");
+      "frames are <a href=\"#missing\">not in this model</a>");
   add(GetArray(model.model_report, "seams").size(),
       "<a href=\"#seams\">seams</a> connect their parts weakly");
   add(GetArray(model.model_report, "rejected_groups").size(),

@@ -227,8 +227,12 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
   Json report = {{"summary", fields.ToJson(summary)},
                  {"warnings", fields.ToJson(result.findings)},
                  {"mgsfm_version", run.version},
+                 {"commit", run.commit},
+                 {"date", run.date},
+                 {"command", run.command},
                  {"input", InputToJson(scene, view_graph, run)},
                  {"options", Json::parse(run.options_json)},
+                 {"changed_options", Json::parse(run.changed_options_json)},
                  {"random_seed", run.random_seed},
                  {"view_graph", fields.ToJson(result.view_graph)}};
   if (result.incremental) {

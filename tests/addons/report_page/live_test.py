@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The live view of a mapper run in the browser."""
 
+import json
 import re
 import signal
 import subprocess
 import time
+import urllib.request
 
 import pytest
 
@@ -72,10 +74,11 @@ def test_the_model_grows_and_the_final_page_follows(
     with LiveMapper(program, drive, tmp_path / "live") as mapper:
         page = browser.open(mapper.url)
         wait_for(page, "!document.getElementById('live').hidden", mapper)
-        wait_for(page, "document.getElementById('live_messages').innerText"
+        wait_for(page, "document.getElementById('live').innerText"
                        ".includes('view graph')", mapper)
         wait_for(page, "Boolean(window.mgsfmPage)", mapper)
         assert page.evaluate("mgsfmPage.data.numFrames") == 240
+        assert page.evaluate("mgsfmPage.data.header.num_points") > 0
         # At the end, the report takes the place of the live view.
         wait_for(page, "Boolean(document.getElementById('live')?.hidden && "
                        "window.mgsfmPage)")
@@ -86,6 +89,56 @@ def test_the_model_grows_and_the_final_page_follows(
     mgsfm("mapper", database_path=drive, output_path=tmp_path / "plain")
     assert (files_without_times(tmp_path / "live")
             == files_without_times(tmp_path / "plain"))
+
+
+def stages_of(url):
+    """The stages of the states of a run until it ends."""
+    stages = set()
+    while True:
+        try:
+            with urllib.request.urlopen(url + "state", timeout=5) as answer:
+                state = json.load(answer)
+        except OSError:
+            return stages
+        stages.add(state["stage"])
+        # The line of progress is that of the stage.
+        assert not state["progress"] or (
+            state["progress"].startswith(state["stage"]))
+        if state["finished"]:
+            return stages
+        time.sleep(0.01)
+
+
+def test_stages_have_one_name(drive, program, tmp_path):
+    with LiveMapper(program, drive, tmp_path / "out") as mapper:
+        stages = stages_of(mapper.url) - {"", "report page"}
+        _, log = mapper.end()
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    of_report = {*report["seconds"], *report["models"][0]["seconds"]}
+    assert stages <= of_report
+    assert {"rotation averaging", "translation averaging",
+            "bundle adjustment"} <= stages
+    for stage in of_report:
+        assert re.search(rf" {stage}: [\d.]+ s\n", log)
+    assert log.rstrip().endswith(str(tmp_path / "out" / "0" / "report.html"))
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 768), (390, 844)])
+def test_the_view_of_a_run_is_above_the_fold(
+        drive, browser, program, pictures, tmp_path, size):
+    with LiveMapper(program, drive, tmp_path / "out") as mapper:
+        page = browser.open(mapper.url)
+        page.send("Emulation.setDeviceMetricsOverride", width=size[0],
+                  height=size[1], deviceScaleFactor=1, mobile=size[0] < 500)
+        wait_for(page, "Boolean(window.mgsfmPage)", mapper)
+        top, bottom = page.evaluate("""(() => {
+            const box = document.getElementById('stage').getBoundingClientRect();
+            return [box.top, box.bottom]; })()""")
+        page.screenshot(pictures(f"live_{size[0]}.png"))
+        assert top < 0.4 * size[1]
+        assert bottom <= size[1]
+        assert page.evaluate(
+            "document.documentElement.scrollWidth") == size[0]
 
 
 def test_an_interrupted_run_leaves_its_last_state(
