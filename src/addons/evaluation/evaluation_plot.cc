@@ -186,18 +186,18 @@ Panel MakeMapPanel(const std::vector<PathPoint>& path, const TopView& view) {
 
 void DrawLegend(const EvaluationLabels& labels, double y, SvgDrawing* drawing) {
   double x = kLeft;
-  const auto text = [&](const std::string& label, double width) {
+  const auto text = [&](const std::string& label) {
     drawing->Text({x + 34.0, y + 4.5}, label);
-    x += width;
+    x += 0.25 * kPlotWidth;
   };
   drawing->Line({x, y}, {x + 26.0, y}, kTrueStyle);
-  text(labels.reference, 150.0);
+  text(labels.reference);
   drawing->Line({x, y}, {x + 26.0, y}, kModelStyle);
-  text(labels.compared, 110.0);
+  text(labels.compared);
   drawing->Cross({x + 13.0, y}, 4.0, kMissingStyle);
-  text("not registered", 165.0);
+  text("not registered");
   drawing->Dot({x + 20.0, y}, 5.0, "fill='#2e8b57'");
-  text("start", 100.0);
+  text("start");
 }
 
 void DrawMap(const std::vector<PathPoint>& path, const TopView& view,

@@ -17,16 +17,19 @@ namespace {
 // Bounds the size of the page; the report and the model have all rows.
 constexpr size_t kMaxRows = 60;
 
-// SVG files use fixed colors; in the page they follow its theme.
-std::string Themed(std::string svg) {
-  const std::pair<const char*, const char*> colors[] = {
+// SVG files use fixed colors; in the page they follow its theme. Their clip
+// paths get ids that the charts of a page do not share.
+std::string Themed(std::string svg, std::string label) {
+  std::replace(label.begin(), label.end(), ' ', '_');
+  const std::pair<std::string, std::string> replacements[] = {
+      {"id='clip", "id='" + label + "_clip"},
+      {"url(#clip", "url(#" + label + "_clip"},
       {"fill='white'", "fill='none'"},
       {"fill='#222'", "fill='currentColor'"},
       {"'#e6e6e6'", "'var(--grid)'"},
       {"'#888'", "'var(--axis)'"},
       {"'#0b62b0'", "'var(--accent)'"}};
-  for (const auto& [color, themed] : colors) {
-    const std::string from = color, to = themed;
+  for (const auto& [from, to] : replacements) {
     for (size_t at = svg.find(from); at != std::string::npos;
          at = svg.find(from, at + to.size())) {
       svg.replace(at, from.size(), to);
@@ -123,17 +126,16 @@ std::string FrameLink(const std::string& frame_name) {
 
 std::string ThemedChart(const std::string& svg, const std::string& label) {
   if (svg.empty()) return "";
-  // Clip paths of several charts must not share their ids.
   return "<figure class=\"chart\">" +
-         Themed(svg).replace(0, 4,
-                             "<svg role='img' aria-label='" + label + "'") +
+         Themed(svg, label)
+             .replace(0, 4, "<svg role='img' aria-label='" + label + "'") +
          "</figure>\n";
 }
 
 std::string ThemedColumns(const std::string& svg, const std::string& label,
                           const Columns& columns, size_t num_panels) {
   if (svg.empty()) return "";
-  const std::string whole = Themed(svg);
+  const std::string whole = Themed(svg, label);
   const size_t begin = whole.find(">\n") + 2;
   const std::string body = whole.substr(begin, whole.rfind("</svg>") - begin);
   const size_t height_at = whole.find("height='") + 8;

@@ -181,3 +181,37 @@ def test_sections_name_pages_of_the_guide_that_exist(positioned, browser):
                            ".map((part) => part.querySelector('code').innerText)")
     assert len(guides) > 5
     assert all((REPOSITORY / guide).is_file() for guide in guides)
+
+
+def test_text_of_wide_charts_is_legible_on_a_phone(report, tmp_path):
+    folder = models.write_model(models.make_drive(), tmp_path / "0")
+    page, _ = report(folder, gt_path=folder)
+    page.send("Emulation.setDeviceMetricsOverride", width=390, height=844,
+              deviceScaleFactor=1, mobile=True)
+    boxes = np.array(page.evaluate("""(() => {
+        const svg = document.querySelector('#truth svg');
+        const edge = svg.getBoundingClientRect();
+        return [...svg.querySelectorAll('text')].slice(1).map((text) => {
+            const box = text.getBoundingClientRect();
+            return [box.left - edge.left, box.top - edge.top,
+                    box.right - edge.left, box.bottom - edge.top]; });
+    })()"""))
+    assert (boxes[:, 3] - boxes[:, 1]).min() > 7
+    assert boxes.min() >= 0 and boxes[:, 2].max() <= 370
+    for i, box in enumerate(boxes):  # none covers the middle of another
+        middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+        covered = ((middles > box[:2]) & (middles < box[2:])).all(axis=1)
+        assert covered.sum() == 1, i
+
+
+def test_charts_do_not_share_clip_paths(positioned, report):
+    page, _ = report(positioned / "0", gt_path=positioned / "0",
+                     compare_path=positioned / "0")
+    ids = page.evaluate("[...document.querySelectorAll('[id]')]"
+                        ".map((element) => element.id)")
+    assert len(ids) == len(set(ids))
+    assert sum("clip" in name for name in ids) >= 7
+    assert page.evaluate("""[...document.querySelectorAll('[clip-path]')].every(
+        (part) => document.querySelector(part.getAttribute('clip-path')
+            .replace(/url\\("?(.*?)"?\\)/, '$1')).ownerSVGElement
+            === part.ownerSVGElement)""")
