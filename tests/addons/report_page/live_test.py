@@ -143,7 +143,9 @@ def test_the_view_of_a_run_is_above_the_fold(
 
 def test_an_interrupted_run_leaves_its_last_state(
         drive, browser, program, tmp_path):
-    with LiveMapper(program, drive, tmp_path / "out") as mapper:
+    # It lasts until the browser, which may be slow, shows a model.
+    with LiveMapper(program, drive, tmp_path / "out",
+                    "--BundleAdjustment.function_tolerance", "0") as mapper:
         page = browser.open(mapper.url)
         wait_for(page, "Boolean(window.mgsfmPage)", mapper)
         mapper.process.send_signal(signal.SIGINT)
