@@ -383,6 +383,20 @@ TEST(EpipolarTest, DirectionScattersAsPredictedWithAFixedRotation) {
   EXPECT_LT(largest_sigma(fixed), 0.5 * largest_sigma(free));
 }
 
+TEST(EpipolarTest, RotationIsRefinedForAFixedDirection) {
+  Random random(14);
+  const Rigid3 pose = RandomPose(&random);
+  const RayMatches matches =
+      MakeMatches(pose, {Layout::kAhead, 50, 0.0, 0.0}, &random);
+  PoseRefinementOptions options;
+  options.is_direction_fixed = true;
+  Rigid3 refined{ExpSO3({0.02, -0.01, 0.03}) * pose.rotation, pose.translation};
+  ASSERT_TRUE(RefineRelativePose(matches, options, &refined).IsUsable());
+  EXPECT_LT(AngleBetween(refined.rotation, pose.rotation), 1e-6);
+  EXPECT_LT((refined.translation - pose.translation.normalized()).norm(),
+            1e-12);
+}
+
 TEST(EpipolarTest, RefinementNeedsFiveMatches) {
   Random random(12);
   const Rigid3 pose = RandomPose(&random);
