@@ -31,8 +31,7 @@ Simulation DriveWithKnownRig(RigPreset rig, PathPreset path) {
 std::string ErrorOf(const Simulation& simulation) {
   try {
     const Bearings bearings = ComputeBearings(simulation.scene, 1);
-    CheckKnownRigs(simulation.scene, {bearings, simulation.view_graph,
-                                      ViewGraphOptions().max_error_px});
+    CheckKnownRigs(simulation.scene, {bearings, simulation.view_graph});
   } catch (const Error& error) {
     return error.what();
   }

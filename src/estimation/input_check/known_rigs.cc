@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
@@ -17,7 +18,6 @@
 #include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/camera_models.h"
 #include "scene/observations.h"
 
 namespace mgsfm {
@@ -63,16 +63,18 @@ bool Contradicts(const std::vector<double>& to_known,
          Median(to_typical) < kSameRotationRad;
 }
 
-// The largest angle of accepted matches, as in the view graph.
-double MaxErrorRad(const Scene& scene, const MatchedPairs& pairs,
-                   const ImagePair& pair) {
-  double radians_per_pixel = 0.0;
-  for (const int i : {pair.image_idx1, pair.image_idx2}) {
-    const Camera& camera = scene.cameras[scene.images[i].camera_idx];
-    radians_per_pixel +=
-        0.5 / PixelsPerRadian(camera.model, camera.params.data());
-  }
-  return pairs.max_error_px * radians_per_pixel;
+double NoiseRad(const RayMatches& rays, const Rigid3& b_from_a) {
+  return std::max(RobustSigma<1>(SampsonAngles(rays, b_from_a)),
+                  std::numeric_limits<double>::epsilon());
+}
+
+// The noise of the matches about the pose that they suggest.
+double NoiseRad(const RayMatches& rays, const RigSample& sample) {
+  Rigid3 pose{sample.b_from_a, *sample.direction};
+  PoseRefinementOptions options;
+  options.loss_scale_rad = NoiseRad(rays, pose);
+  RefineRelativePose(rays, options, &pose);
+  return NoiseRad(rays, pose);
 }
 
 // Whether a pose explains most matches of the pair of a sample, up to a small
@@ -87,7 +89,7 @@ bool Explains(const Scene& scene, const MatchedPairs& pairs,
     std::swap(rays.rays1, rays.rays2);
   }
   PoseRefinementOptions options;
-  options.loss_scale_rad = MaxErrorRad(scene, pairs, *sample.pair);
+  options.loss_scale_rad = NoiseRad(rays, sample);
   options.is_direction_fixed = true;
   Rigid3 pose{sample.b_from_a, b_from_a.translation};
   RefineRelativePose(rays, options, &pose);
@@ -100,13 +102,14 @@ bool Explains(const Scene& scene, const MatchedPairs& pairs,
   for (size_t i = 0; i < rays.size(); ++i) {
     const Eigen::Vector3d axis =
         pose.translation.cross(rays.rays2[i]).normalized();
-    const double tolerance_rad =
-        options.loss_scale_rad +
-        kRareErrorInSigmas * std::sqrt(axis.dot(covariance * axis));
+    const double sigma_rad =
+        std::sqrt(options.loss_scale_rad * options.loss_scale_rad +
+                  axis.dot(covariance * axis));
     num_explained +=
         std::abs(SampsonAngle(pose, rays.rays1[i], rays.rays2[i])) <=
-            options.loss_scale_rad &&
-        IsInFront(pose, rays.rays1[i], rays.rays2[i], tolerance_rad);
+            kRareErrorInSigmas * options.loss_scale_rad &&
+        IsInFront(pose, rays.rays1[i], rays.rays2[i],
+                  kRareErrorInSigmas * sigma_rad);
   }
   return 2 * num_explained > rays.size();
 }

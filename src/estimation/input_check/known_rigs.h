@@ -9,7 +9,6 @@ namespace mgsfm {
 struct MatchedPairs {
   const Bearings& bearings;
   const ViewGraph& view_graph;
-  double max_error_px;  // of its matches (ViewGraphOptions)
 };
 
 // Compares the known poses of sensors in their rigs with image pairs. Throws

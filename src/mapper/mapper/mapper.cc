@@ -212,8 +212,7 @@ MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
       VerifyAllPairs(run.scene, run.matches, run.options, run.context, &result);
   const bool is_checked = !run.options.is_for_lenses;
   if (is_checked) {
-    CheckKnownRigs(run.scene, {pairs.bearings, pairs.view_graph,
-                               run.options.view_graph.max_error_px});
+    CheckKnownRigs(run.scene, {pairs.bearings, pairs.view_graph});
   }
   if (run.input.existing_model) {
     ExtendModel(pairs, run.input, run.options, run.context, &result);
