@@ -152,8 +152,8 @@ std::string ThemedColumns(const std::string& svg, const std::string& label,
   for (size_t i = 0; i < num_panels; ++i) {
     const double x =
         columns.first_x + columns.width * static_cast<double>(i % num_columns);
-    const double y =
-        columns.top + panel_height * static_cast<double>(i / num_columns);
+    const size_t row = i / num_columns;
+    const double y = columns.top + panel_height * static_cast<double>(row);
     const double head = i == 0 ? columns.top : 0.0;
     html += "<svg role='img' aria-label='" + label + "' width='" + width +
             "' viewBox='" + FormatNumber(x, 2) + " " +
