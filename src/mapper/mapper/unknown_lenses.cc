@@ -45,8 +45,7 @@ MapperResult MapWithLenses(const MapperInput& input,
   LogFocalLengths(scene, focal_lengths, context);
   const std::vector<Camera> start =
       StartOfLenses(input.scene.cameras, focal_lengths);
-  const ViewGraph uncalibrated =
-      DropUncalibratedGeometry(scene, input.view_graph);
+  const auto uncalibrated = DropUncalibratedGeometry(scene, input.view_graph);
   const auto map = [&](const Lenses& lenses, const ViewGraph& matches,
                        const MapperOptions& of_round,
                        const Context& context_of_round) {
