@@ -85,7 +85,7 @@ void LiveView::ShowMessage(LogLevel level, const std::string& message) {
 void LiveView::ShowProgress(const Progress& progress) {
   const auto line = progress_.Update(progress, since_start_.Seconds());
   const bool is_new = progress.stage != stage_;
-  // What is done after the last step of a stage has no measure.
+  // Progress does not cover the work after the last step of a stage.
   const bool has_ended =
       !line && progress.done >= progress.total && !progress_line_.empty();
   if (!is_new && !line && !has_ended) return;

@@ -6,7 +6,7 @@
 
 namespace mgsfm {
 
-// How the process was called; empty without RunProgram().
+// The call of this process; empty without RunProgram().
 struct ProgramCall {
   std::string command;  // the words, quoted where a shell needs it
   std::string commit;   // of the sources

@@ -73,8 +73,8 @@ TEST(KnownRigsTest, WrongPairsOfAStraightDriveAreNoContradiction) {
   EXPECT_EQ(ErrorOf(simulation), "");
 }
 
-// In a cone of five degrees, another direction of the translation explains the
-// matches as well, with another rotation.
+// Another direction of the translation, with another rotation, explains the
+// matches in a cone of five degrees as well.
 TEST(KnownRigsTest, NarrowOverlapsAreNoContradiction) {
   Simulation simulation =
       DriveWithKnownRig(RigPreset::kStereo, PathPreset::kCurve);

@@ -136,7 +136,7 @@ inline std::optional<double> GetNumber(const nlohmann::ordered_json& object,
   return value.get<double>();
 }
 
-// By name, in the natural order that frames have without times.
+// The natural order of names, which is that of frames without times.
 struct ByName {
   bool operator()(const std::string& a, const std::string& b) const {
     return IsNaturallyBefore(a, b) || (!IsNaturallyBefore(b, a) && a < b);

@@ -141,7 +141,7 @@ def test_panels_are_in_the_order_of_cameras(report, tmp_path):
     page.send("Emulation.setDeviceMetricsOverride", width=390, height=844,
               deviceScaleFactor=1, mobile=True)
     for section in ("errors", "error_maps"):
-        # Where the titles of cameras are within the views of the drawing.
+        # The places of camera titles within the views of the drawing.
         shown = page.evaluate(f"""[...document.querySelectorAll('#{section} svg')]
             .map((svg) => {{ const {{x, y, width, height}} = svg.viewBox.baseVal;
                 return [...document.querySelectorAll('#{section} text')]
