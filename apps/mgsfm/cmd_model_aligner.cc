@@ -20,6 +20,7 @@
 #include "geometry/so3.h"
 #include "georegistration/gravity_leveling.h"
 #include "georegistration/position_registration.h"
+#include "mapper_run.h"
 #include "math/statistics.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
@@ -174,26 +175,6 @@ Scene ImagesOfDatabase(const std::string& path, const Context& context) {
   std::sort(scene.images.begin(), scene.images.end(),
             [](const Image& a, const Image& b) { return a.name < b.name; });
   return scene;
-}
-
-// The index in the database of each image of the model.
-std::vector<size_t> FindImages(const Scene& model, const Scene& database,
-                               const std::string& database_path) {
-  std::map<std::string, size_t> idx_of_name;
-  for (size_t i = 0; i < database.images.size(); ++i) {
-    idx_of_name.emplace(database.images[i].name, i);
-  }
-  std::vector<size_t> idxs;
-  for (const Image& image : model.images) {
-    const auto found = idx_of_name.find(image.name);
-    if (found == idx_of_name.end()) {
-      throw Error("the database '" + database_path + "' has no image '" +
-                  image.name +
-                  "' of the model; give the database of its images");
-    }
-    idxs.push_back(found->second);
-  }
-  return idxs;
 }
 
 // Finds the positions of the images of a model by their names. The origin of

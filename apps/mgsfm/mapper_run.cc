@@ -11,6 +11,7 @@
 #include <string>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 #include "base/nanoseconds.h"
 #include "bundle_adjustment/covariance_report.h"
@@ -78,11 +79,9 @@ std::optional<PoseComparison> ComparePositions(const Scene& scene,
   return comparison;
 }
 
-std::string MakePage(const fs::path& folder, const std::string& image_path,
-                     const MapperInput& input, const MapperResult& result,
-                     size_t model_idx, const std::string& report_json,
-                     const Context& context) {
-  const MapperModel& model = result.models[model_idx];
+std::string MakePage(const ModelPage& shown, const Context& context) {
+  const auto& [folder, image_path, input, model, model_idx, report_json] =
+      shown;
   return UsePoses(
       input.scene, model, [&](const Scene& scene, const Reconstruction& poses) {
         ReportPageInput page{folder.string(), scene, poses};
@@ -105,8 +104,7 @@ std::string MakePage(const fs::path& folder, const std::string& image_path,
 }
 
 // Writes report.html into the folder of each model of a run. Returns the page
-// of the first model, or "". Logs a warning instead of failing, also if it is
-// interrupted: the models are complete.
+// of the first model, or "".
 std::string WriteReportPages(const fs::path& output_path,
                              const std::string& image_path,
                              const MapperInput& input,
@@ -115,21 +113,13 @@ std::string WriteReportPages(const fs::path& output_path,
                              const Context& context) {
   std::string first_page;
   for (size_t i = 0; i < result.models.size(); ++i) {
-    const fs::path folder = output_path / std::to_string(i);
-    const fs::path path = folder / kReportPageFileName;
     context.ReportProgress("report page", i, result.models.size());
-    try {
-      std::string page =
-          MakePage(folder, image_path, input, result, i, report_json, context);
-      ReplaceFile(path, page);
-      if (i == 0) first_page = std::move(page);
-    } catch (const std::exception& error) {
-      std::error_code ignored;
-      fs::remove(path, ignored);
-      context.Warning("the model is complete, but its page '" + path.string() +
-                      "' was not written: " + error.what());
-      break;
-    }
+    const std::string page =
+        WriteReportPage({output_path / std::to_string(i), image_path, input,
+                         result.models[i], i, report_json},
+                        context);
+    if (page.empty()) break;
+    if (i == 0) first_page = page;
   }
   return first_page;
 }
@@ -213,28 +203,8 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
                  ModelFormat format, const fs::path& output_path,
                  const Context& context) {
   for (size_t i = 0; i < result.models.size(); ++i) {
-    const fs::path folder = output_path / std::to_string(i);
-    const Reconstruction& model = result.models[i].reconstruction;
-    fs::create_directory(folder);
-    UsePoses(input.scene, result.models[i],
-             [&](const Scene& scene, const Reconstruction& poses) {
-               WriteModel(folder, scene, poses, format, context);
-             });
-    WriteRigConfig((folder / "rig_config.json").string(), input.scene, model);
-    const auto& registration = result.models[i].position_priors;
-    const auto& origin_wgs84 = input.position_priors.origin_wgs84;
-    if (registration && registration->is_registered && origin_wgs84) {
-      WriteGeoOrigin((folder / "geo_origin.json").string(), *origin_wgs84);
-    }
-    const auto& covariances = result.models[i].covariances;
-    if (covariances && covariances->is_usable) {
-      WriteFile(folder / "covariances.csv",
-                CovariancesToCsv(input.scene, *covariances));
-    }
-    if (!result.models[i].confidence.of_frame.empty()) {
-      WriteFile(folder / "frames.csv",
-                FramesToCsv(input.scene, result.models[i]));
-    }
+    WriteMapperModel(output_path / std::to_string(i), input, result.models[i],
+                     format, context);
   }
 }
 
@@ -257,6 +227,105 @@ void KeepGeoOrigin(const fs::path& input_path, const MapperResult& result,
 }
 
 }  // namespace
+
+void WriteMapperModel(const fs::path& folder, const MapperInput& input,
+                      const MapperModel& model, ModelFormat format,
+                      const Context& context) {
+  fs::create_directory(folder);
+  UsePoses(input.scene, model,
+           [&](const Scene& scene, const Reconstruction& poses) {
+             WriteModel(folder, scene, poses, format, context);
+           });
+  WriteRigConfig((folder / "rig_config.json").string(), input.scene,
+                 model.reconstruction);
+  const auto& origin_wgs84 = input.position_priors.origin_wgs84;
+  if (model.position_priors && model.position_priors->is_registered &&
+      origin_wgs84) {
+    WriteGeoOrigin((folder / "geo_origin.json").string(), *origin_wgs84);
+  }
+  if (model.covariances && model.covariances->is_usable) {
+    WriteFile(folder / "covariances.csv",
+              CovariancesToCsv(input.scene, *model.covariances));
+  }
+  if (!model.confidence.of_frame.empty()) {
+    WriteFile(folder / "frames.csv", FramesToCsv(input.scene, model));
+  }
+}
+
+std::string WriteReportPage(const ModelPage& shown, const Context& context) {
+  const fs::path path = shown.folder / kReportPageFileName;
+  try {
+    std::string page = MakePage(shown, context);
+    ReplaceFile(path, page);
+    return page;
+  } catch (const std::exception& error) {
+    std::error_code ignored;
+    fs::remove(path, ignored);
+    context.Warning("the model is complete, but its page '" + path.string() +
+                    "' was not written: " + error.what());
+    return "";
+  }
+}
+
+std::vector<size_t> FindImages(const Scene& model, const Scene& database,
+                               const std::string& database_path) {
+  std::map<std::string, size_t> idx_of_name;
+  for (size_t i = 0; i < database.images.size(); ++i) {
+    idx_of_name.emplace(database.images[i].name, i);
+  }
+  std::vector<size_t> idxs;
+  for (const Image& image : model.images) {
+    const auto found = idx_of_name.find(image.name);
+    if (found == idx_of_name.end()) {
+      throw Error("the database '" + database_path + "' has no image '" +
+                  image.name +
+                  "' of the model; give the database of its images");
+    }
+    idxs.push_back(found->second);
+  }
+  return idxs;
+}
+
+void ReadPriors(const MapperRun& run, const Context& context,
+                MapperInput* input) {
+  const auto read = [&](const Scene& scene) {
+    input->position_priors =
+        ReadPositionPriors(scene, run.database_path, run.priors);
+    input->gravity_priors = ReadGravity(scene, run.database_path, run.priors);
+  };
+  const std::vector<Image>& images = input->scene.images;
+  const bool has_all_in_order =
+      ReadImageNames(run.database_path).size() == images.size() &&
+      std::is_sorted(
+          images.begin(), images.end(),
+          [](const Image& a, const Image& b) { return a.name < b.name; });
+  if (has_all_in_order || !run.priors.HaveAny()) {
+    read(input->scene);
+  } else {
+    DatabaseSelection selection;
+    selection.has_keypoints = false;
+    selection.has_pair = [](const std::string&, const std::string&) {
+      return false;
+    };
+    Context quiet = context;  // the run has logged its input
+    quiet.log = nullptr;
+    const Scene all =
+        LoadScene(ReadDatabase(run.database_path, quiet, selection),
+                  run.loading, quiet)
+            .scene;
+    read(all);
+    const std::vector<size_t> idxs =
+        FindImages(input->scene, all, run.database_path);
+    const auto select = [&](auto* images) {
+      auto of_all = std::exchange(*images, {});
+      if (of_all.empty()) return;
+      for (const size_t i : idxs) images->push_back(of_all[i]);
+    };
+    select(&input->position_priors.images);
+    select(&input->gravity_priors.images);
+  }
+  LogPositions(input->position_priors, context);
+}
 
 std::string PageUrl(const std::string& image_path,
                     const fs::path& page_folder) {
@@ -391,11 +460,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   CheckFormat(scene, run.output_format);
   description.rig_source = input.rig_source;
   reading.Finish(&description.times);
-  input.mapper.position_priors =
-      ReadPositionPriors(scene, run.database_path, run.priors);
-  LogPositions(input.mapper.position_priors, context);
-  input.mapper.gravity_priors =
-      ReadGravity(scene, run.database_path, run.priors);
+  ReadPriors(run, context, &input.mapper);
   LogInput(input, context);
   CheckMemory(input.mapper, run.max_memory_mib);
   if (run.live) input.mapper.observer = run.live->Observe(scene, context);

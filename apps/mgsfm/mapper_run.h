@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "baselines/mapper_baselines.h"
 #include "mgsfm/base/context.h"
@@ -56,6 +57,38 @@ struct StartUse {
 // model, and that model. Priors are not loaded. Throws Error for bad input.
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context);
+
+// The index in the database of each image of a model. Throws Error if the
+// database lacks one.
+std::vector<size_t> FindImages(const Scene& model, const Scene& database,
+                               const std::string& database_path);
+
+// Reads the priors of the images of the scene, which may be a part of those of
+// the database, in any order. Files may name any image of the database, and
+// positions have the origin of all of them, so that all parts get models in one
+// world.
+void ReadPriors(const MapperRun& run, const Context& context,
+                MapperInput* input);
+
+// Writes the model, rig_config.json, geo_origin.json, covariances.csv and
+// frames.csv, as far as there are any, into a new folder.
+void WriteMapperModel(const std::filesystem::path& folder,
+                      const MapperInput& input, const MapperModel& model,
+                      ModelFormat format, const Context& context);
+
+// A model, and what its page shows.
+struct ModelPage {
+  std::filesystem::path folder;  // of the model, for report.html
+  std::string image_path;        // may be empty
+  const MapperInput& input;
+  const MapperModel& model;
+  size_t model_idx = 0;  // in the report
+  std::string report_json;
+};
+
+// Returns the page that it writes. Logs a warning and returns "" instead of
+// failing, also if it is interrupted: the model is complete.
+std::string WriteReportPage(const ModelPage& shown, const Context& context);
 
 // The folder of images as a page in another folder reaches it; "" for none.
 std::string PageUrl(const std::string& image_path,

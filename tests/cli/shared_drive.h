@@ -24,10 +24,11 @@ class SharedDriveTest : public testing::Test {
     ASSERT_EQ(output.exit_code, 0) << output.err;
   }
   // 60 frames of a stereo rig that come back to their start.
-  static void SimulateLoop() {
+  static void SimulateLoop(const std::string& more = "") {
     Simulate(
         "--rig stereo --path loop --num_frames 60 --max_num_features 150 "
-        "--num_points_per_frame 60 --pixel_noise 0.3");
+        "--num_points_per_frame 60 --pixel_noise 0.3 " +
+        more);
   }
   static void TearDownTestSuite() { shared_.reset(); }
 

@@ -8,7 +8,10 @@
 #include <set>
 #include <sstream>
 
+#include "base/random.h"
 #include "cli/shared_drive.h"
+#include "geometry/geodetic.h"
+#include "mgsfm/models/model_io.h"
 
 namespace mgsfm {
 namespace {
@@ -38,16 +41,17 @@ class SubMapCommands : public SharedDriveTest {
         Path("maps/" + std::to_string(cluster)) + more);
   }
   // All clusters but `failing`, with the calibration of the first.
-  void MapAll(const Json& clusters, int failing = -1) const {
+  void MapAll(const Json& clusters, int failing = -1,
+              const std::string& more = "") const {
     fs::create_directory(Path("maps"));
     const int first = clusters["calibration_clusters"][0];
-    Map(clusters, first, "");
+    Map(clusters, first, more);
     const auto num_clusters = static_cast<int>(clusters["clusters"].size());
     for (int i = 0; i < num_clusters; ++i) {
       if (i == first || i == failing) continue;
       Map(clusters, i,
           " --BundleAdjustment.refine_sensor_from_rig yes --rig_config_path " +
-              Path("maps/" + std::to_string(first) + "/0"));
+              Path("maps/" + std::to_string(first) + "/0") + more);
     }
   }
   std::string JoinTo(const std::string& name) const {
@@ -194,6 +198,118 @@ TEST_F(TwoDistricts, AreCutAtTheStreetAndJoined) {
   MapAll(clusters);
   Join();
   ExpectAsGoodAsSingleModel(Path("joined/0"));
+}
+
+// A loop with GPS and gravity.
+class MeasuredSubMaps : public SubMapCommands {
+ protected:
+  static constexpr double kSigma = 0.3;  // of the positions, m
+  static void SetUpTestSuite() {
+    SimulateLoop("--gravity_sigma 0.5");
+    Random random(5);
+    std::ofstream file(Gps());
+    file.precision(15);
+    for (const ModelImage& image : ReadModelPoses(In() + "/truth").images) {
+      const Eigen::Vector3d noise(random.Normal(), random.Normal(),
+                                  random.Normal());
+      file << image.name << ' '
+           << LatitudeLongitudeAltitude(
+                  image.cam_from_world.Center() + kSigma * noise,
+                  {48.0, 9.0, 300.0})
+                  .transpose()
+           << '\n';
+    }
+  }
+  static std::string Gps() { return In() + "/gps.txt"; }
+  static std::string Priors() {
+    const std::string sigma = std::to_string(kSigma);
+    return " --ref_images_path " + Gps() +
+           " --ref_is_gps 1 --prior_position_std_x " + sigma +
+           " --prior_position_std_y " + sigma + " --prior_position_std_z " +
+           sigma + " --gravity_path " + In() + "/gravity.txt";
+  }
+  // The mean distance of the images of two models in their own worlds.
+  double Distance(const std::string& model,
+                  const std::string& reference) const {
+    Run("model_evaluator --alignment none --gt_unit m --input_path " +
+        Path(model) + " --gt_path " + Path(reference) + " --json " +
+        Path("errors.json"));
+    const Json errors = Json::parse(ReadTextFile(Path("errors.json")));
+    return errors["position_m"]["mean"].get<double>();
+  }
+};
+
+// All clusters and the join have the world and the origin of a single run, the
+// first position by name, although most clusters lack that image.
+TEST_F(MeasuredSubMaps, JoinUsesPositionsAndGravityLikeOneRun) {
+  MapAll(Partition(3), -1, Priors());
+  Run("mapper --write_report 0 --database_path " + Database() +
+      " --output_path " + Path("single") + Priors());
+  Run(JoinTo("joined") + Priors());
+  const std::string origin = ReadTextFile(Path("single/0/geo_origin.json"));
+  for (const std::string model : {"maps/0/0", "maps/2/0", "joined/0"}) {
+    EXPECT_EQ(ReadTextFile(Path(model + "/geo_origin.json")), origin) << model;
+  }
+  ExpectAsGood(Path("joined/0"), Path("single/0"));
+  // Both use the same positions, and differ by less than the noise of one.
+  EXPECT_LT(Distance("joined/0", "single/0"), kSigma / 3.0);
+  const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
+  const Json& model = report["models"][0];
+  EXPECT_TRUE(model["position_priors"]["is_registered"]);
+  EXPECT_EQ(model["gravity"]["num_priors"], 60);
+  EXPECT_EQ(report["summary"]["models"][0]["num_images"], 120);
+  EXPECT_TRUE(fs::exists(Path("joined/0/report.html")));
+  // The frames are in their order, not in that of the clusters.
+  const std::string table = ReadTextFile(Path("joined/0/frames.csv"));
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 61);
+  EXPECT_LT(table.find("000009"), table.find("000010"));
+  EXPECT_LT(table.find("000029"), table.find("000030"));
+}
+
+TEST_F(MeasuredSubMaps, JoinWithoutPositionsKeepsTheirWorld) {
+  MapAll(Partition(3), -1, Priors());
+  const CommandOutput output = Run(JoinTo("joined"));
+  EXPECT_THAT(output.err, HasSubstr("the join only keeps their world; set "
+                                    "--use_prior_position"));
+  EXPECT_THAT(output.err, HasSubstr("the sub-maps used measured gravity"));
+  EXPECT_EQ(ReadTextFile(Path("joined/0/geo_origin.json")),
+            ReadTextFile(Path("maps/1/0/geo_origin.json")));
+  // Each sub-map is placed by fewer positions than the whole.
+  Run(JoinTo("measured") + Priors());
+  EXPECT_LT(Distance("joined/0", "measured/0"), 3.0 * kSigma);
+}
+
+// The calibration of one part of a database lacks the rig of another.
+TEST_F(SubMapCommands, ClusterOfAnotherRigKeepsItsRig) {
+  Run("database_merger --database_path " + Database() + "," + Database() +
+      " --image_prefix a/,b/ --vehicle a,b --merged_database_path " +
+      Path("both.db"));
+  std::map<std::string, std::string> lists;
+  for (const ModelImage& image : ReadModelPoses(In() + "/truth").images) {
+    for (const std::string prefix : {"a/", "b/"}) {
+      lists[prefix] += prefix + image.name + "\n";
+    }
+  }
+  std::ofstream(Path("a.txt")) << lists["a/"];
+  std::ofstream(Path("b.txt")) << lists["b/"];
+  std::ofstream(Path("all.txt")) << lists["a/"] << lists["b/"];
+  const auto map = [&](const std::string& name, const std::string& more) {
+    Run("mapper --write_report 0 --database_path " + Path("both.db") +
+        " --image_list_path " + Path(name + ".txt") + " --output_path " +
+        Path(name) + more);
+    return Json::parse(ReadTextFile(Path(name + "/report.json")));
+  };
+  map("a", "");
+  const std::string of_a =
+      " --BundleAdjustment.refine_sensor_from_rig yes --calibration_path " +
+      Path("a/0/rig_config.json");
+  const Json b = map("b", of_a);
+  EXPECT_EQ(b["input"]["num_rigs"], 1);
+  EXPECT_EQ(b["input"]["num_frames"], 60);
+  EXPECT_FALSE(b["models"][0]["rigs"][0]["sensors"][1]["was_known"]);
+  const Json all = map("all", of_a);
+  EXPECT_EQ(all["input"]["num_rigs"], 2);
+  EXPECT_EQ(all["input"]["num_frames"], 120);
 }
 
 // Replacing them as results of an earlier run would lose them.

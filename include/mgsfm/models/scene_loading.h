@@ -18,7 +18,9 @@ namespace mgsfm {
 //    folder with this file or with a sparse model, whose calibration is used.
 //    Images without a matching prefix are single: each camera is a rig, each
 //    image a frame. Or `calibration_path`: a calibration in another format
-//    (src/io/calibration/calibration_rigs.h), likewise.
+//    (src/io/calibration/calibration_rigs.h), likewise. With a list of images,
+//    2 to 4 apply to those without a matching prefix: the calibration of one
+//    part of a database may lack the rigs of another.
 // 2. `rig_name_rule` other than "auto".
 //    "none": all images are single.
 //    A regular expression of RE2, i.e. without back-references and look-around,

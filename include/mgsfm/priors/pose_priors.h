@@ -100,6 +100,10 @@ struct PosePriorOptions {
   bool AreUsed() const {
     return use_prior_position || !ref_images_path->empty();
   }
+  // Positions or gravity.
+  bool HaveAny() const {
+    return AreUsed() || use_prior_gravity || !gravity_path->empty();
+  }
 };
 
 // Whether positions without a coordinate system are latitude, longitude and

@@ -283,6 +283,9 @@ class SubMapJoiner {
   }
 
   void Add(SceneModel model, std::vector<int> sub_maps) {
+    auto& poses = model.reconstruction.rig_from_world;
+    const auto of_old = std::exchange(poses, {});
+    for (const int i : SortFrames(&model.scene)) poses.push_back(of_old[i]);
     joined_.models.push_back(std::move(model));
     joined_.sub_maps.push_back(std::move(sub_maps));
   }

@@ -62,7 +62,8 @@ struct SubMapEdge {
 };
 
 struct JoinedMaps {
-  std::vector<SceneModel> models;          // by descending number of frames
+  // By descending number of frames, which SortFrames() ordered.
+  std::vector<SceneModel> models;
   std::vector<std::vector<int>> sub_maps;  // per model, ascending
   std::vector<SubMapEdge> edges;
   int num_loop_points = 0;  // points that matches across sub-maps merged

@@ -37,7 +37,8 @@ Mask SelectTracks(const ObservationGroups& tracks, size_t num_images,
 BundleResult RefineBySelectedTracks(const Scene& scene, Reconstruction initial,
                                     const BundleAdjustmentOptions& options,
                                     size_t max_num_observations,
-                                    const Context& context) {
+                                    const Context& context,
+                                    const RefinementConditions& conditions) {
   std::vector<Point3D> points = std::exchange(initial.points, {});
   const Reconstruction poses = initial;
   ObservationGroups tracks = GroupTracks(points);
@@ -49,8 +50,8 @@ BundleResult RefineBySelectedTracks(const Scene& scene, Reconstruction initial,
   const CandidateSource selected = FixedCandidates(GroupTracks(initial.points));
   BundleAdjustmentOptions solve = options;
   solve.saves_memory = true;
-  BundleResult result =
-      RefineReconstruction(scene, selected, std::move(initial), solve, context);
+  BundleResult result = RefineReconstruction(
+      scene, selected, std::move(initial), solve, context, conditions);
   result.estimate.points = std::move(points);
   BundleAdjustmentOptions last = options;
   last.max_max_error_px = result.summary.rounds.back().max_error_px;

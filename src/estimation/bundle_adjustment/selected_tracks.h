@@ -15,6 +15,6 @@ namespace mgsfm {
 [[nodiscard]] BundleResult RefineBySelectedTracks(
     const Scene& scene, Reconstruction initial,
     const BundleAdjustmentOptions& options, size_t max_num_observations,
-    const Context& context);
+    const Context& context, const RefinementConditions& conditions = {});
 
 }  // namespace mgsfm

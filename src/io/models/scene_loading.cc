@@ -7,6 +7,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -15,6 +16,7 @@
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "calibration/calibration_rigs.h"
+#include "database/database_reader.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/models/model_io.h"
@@ -139,6 +141,11 @@ RigAssignment AssignAllSingle(const RigInput& input) {
   return assignment;
 }
 
+// A file may name images of the database that are not selected.
+UnknownImages OtherImages(bool is_selection) {
+  return is_selection ? UnknownImages::kIgnore : UnknownImages::kReject;
+}
+
 // The times of images, from a file or from their names.
 std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
   std::vector<int64_t> times_ns;
@@ -159,7 +166,8 @@ std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
   for (const ImageRow& image : input.contents.images) {
     names.push_back(image.name);
   }
-  for (const double time_s : ReadImageTimes(path, names)) {
+  for (const double time_s :
+       ReadImageTimes(path, names, OtherImages(input.contents.is_selection))) {
     times_ns.push_back(std::llround(time_s * kNsPerSecond));
   }
   return times_ns;
@@ -173,25 +181,10 @@ std::optional<TimedImages> ReadFrameTimes(const RigInput& input,
       std::llround(options.frame_max_time_difference_s * kNsPerSecond)};
 }
 
-RigAssignment AssignRigs(const RigInput& input,
-                         const SceneLoadingOptions& options,
-                         const TimedImages* times, const Context& context) {
-  if (!options.rig_config_path->empty() && !options.calibration_path->empty()) {
-    throw Error(
-        "both rig_config_path and calibration_path are set; set one of them");
-  }
-  if (!options.rig_config_path->empty()) {
-    return AssignByConfig(
-        input, ReadRigConfigOrModel(options.rig_config_path, context),
-        options.rig_config_path, times, context);
-  }
-  if (!options.calibration_path->empty()) {
-    const std::string& path = options.calibration_path;
-    RigAssignment assignment = AssignByConfig(
-        input, ReadCalibrationRigs(input, path, context), path, times, context);
-    assignment.source = "calibration '" + path + "'";
-    return assignment;
-  }
+RigAssignment AssignWithoutCalibration(const RigInput& input,
+                                       const SceneLoadingOptions& options,
+                                       const TimedImages* times,
+                                       const Context& context) {
   if (*options.rig_name_rule == "none") return AssignAllSingle(input);
   if (*options.rig_name_rule != "auto") {
     return AssignByRule(input, options.rig_name_rule, times, context);
@@ -200,6 +193,95 @@ RigAssignment AssignRigs(const RigInput& input,
     if (auto assignment = AssignByTables(input)) return *std::move(assignment);
   }
   return AssignByFolders(input, times, context);
+}
+
+// The images that none of these rigs has.
+std::vector<int> ImagesOfOtherRigs(const RigInput& input,
+                                   const std::vector<RigConfig>& rigs) {
+  std::vector<int> others;
+  for (size_t i = 0; i < input.contents.images.size(); ++i) {
+    const std::string& name = input.contents.images[i].name;
+    const bool is_known =
+        std::any_of(rigs.begin(), rigs.end(), [&](const RigConfig& rig) {
+          return std::any_of(
+              rig.cameras.begin(), rig.cameras.end(),
+              [&](const auto& c) { return FrameKeyOf(c, name).has_value(); });
+        });
+    if (!is_known) others.push_back(static_cast<int>(i));
+  }
+  return others;
+}
+
+// Assigns the images of a list that no calibrated rig has, such as those of a
+// vehicle that the calibrated part lacks, as without the calibration.
+void AssignOtherRigs(const RigInput& input, const std::vector<int>& others,
+                     const SceneLoadingOptions& options,
+                     const TimedImages* times, const Context& context,
+                     RigAssignment* assignment) {
+  DatabaseContents contents;
+  contents.path = input.contents.path;
+  contents.cameras = input.contents.cameras;
+  contents.rigs = input.contents.rigs;
+  contents.frames = input.contents.frames;
+  std::set<std::string> names;
+  TimedImages times_of_others;
+  for (const int i : others) {
+    contents.images.push_back(input.contents.images[i]);
+    names.insert(contents.images.back().name);
+    if (times) times_of_others.times_ns.push_back(times->times_ns[i]);
+  }
+  if (times) times_of_others.max_difference_ns = times->max_difference_ns;
+  KeepListedImages(names, "", &contents);
+  const RigAssignment added = AssignWithoutCalibration(
+      MakeRigInput(input.kind, std::move(contents)), options,
+      times ? &times_of_others : nullptr, context);
+  const auto num_rigs = static_cast<int>(assignment->rig_ids.size());
+  const auto num_sensors = static_cast<int>(assignment->sensors.size());
+  const auto num_frames = static_cast<int>(assignment->frames.size());
+  assignment->rig_ids.insert(assignment->rig_ids.end(), added.rig_ids.begin(),
+                             added.rig_ids.end());
+  for (RigAssignment::Sensor sensor : added.sensors) {
+    sensor.rig += num_rigs;
+    assignment->sensors.push_back(std::move(sensor));
+  }
+  for (RigAssignment::Frame frame : added.frames) {
+    frame.rig += num_rigs;
+    assignment->frames.push_back(std::move(frame));
+  }
+  for (size_t k = 0; k < others.size(); ++k) {
+    assignment->sensor_of_image[others[k]] =
+        num_sensors + added.sensor_of_image[k];
+    assignment->frame_of_image[others[k]] =
+        num_frames + added.frame_of_image[k];
+  }
+  assignment->source += "; of " + std::to_string(others.size()) +
+                        " listed images that it lacks: " + added.source;
+}
+
+RigAssignment AssignRigs(const RigInput& input,
+                         const SceneLoadingOptions& options,
+                         const TimedImages* times, const Context& context) {
+  if (!options.rig_config_path->empty() && !options.calibration_path->empty()) {
+    throw Error(
+        "both rig_config_path and calibration_path are set; set one of them");
+  }
+  if (!options.HasKnownRig()) {
+    return AssignWithoutCalibration(input, options, times, context);
+  }
+  const bool is_config = !options.rig_config_path->empty();
+  const std::string& path =
+      is_config ? options.rig_config_path : options.calibration_path;
+  const std::vector<RigConfig> rigs =
+      is_config ? ReadRigConfigOrModel(path, context)
+                : ReadCalibrationRigs(input, path, context);
+  RigAssignment assignment = AssignByConfig(input, rigs, path, times, context);
+  if (!is_config) assignment.source = "calibration '" + path + "'";
+  if (!input.contents.is_selection) return assignment;
+  const std::vector<int> others = ImagesOfOtherRigs(input, rigs);
+  if (!others.empty()) {
+    AssignOtherRigs(input, others, options, times, context, &assignment);
+  }
+  return assignment;
 }
 
 // Throws Error for impossible intrinsics.
@@ -276,6 +358,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   RigAssignment assignment =
       AssignRigs(input, options, times ? &*times : nullptr, context);
   const std::string input_name = input.Name();
+  const bool is_selection = input.contents.is_selection;
   SceneOfRows result;
   result.rig_source = assignment.source;
   result.scene = BuildScene(std::move(input), std::move(assignment), context);
@@ -296,7 +379,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
     }
   } else if (!options.image_timestamps_path->empty()) {
     const std::string& path = *options.image_timestamps_path;
-    ReadImageTimestamps(path, &result.scene);
+    ReadImageTimestamps(path, &result.scene, OtherImages(is_selection));
     const auto problem = WhyTimesAreNotSeconds(path, result.scene);
     if (problem) context.Warning(*problem);
   }

@@ -461,35 +461,46 @@ void CheckTimes(const Scene& scene, SoftRig method) {
   }
 }
 
+void UsePriors(const AdjustmentInput& input, const MapperOptions& options,
+               const Context& context, Reconstruction* initial,
+               BundlePriors* used, MapperModel* model) {
+  if (!input.positions.IsEmpty()) {
+    used->positions = MoveToPriors(input, context, initial, model);
+  }
+  if (const auto gravity = EstimateGravity(
+          input.scene, input.gravity,
+          options.rotation_averaging.gravity_sigma_deg, *initial)) {
+    used->gravity =
+        GravityTerms{input.gravity, gravity->down_in_world, gravity->sigma_rad};
+  }
+}
+
+void PlaceModelInWorld(const AdjustmentInput& input, const BundlePriors& used,
+                       const MapperOptions& options, const Context& context,
+                       MapperModel* model) {
+  if (model->position_priors) {
+    EvaluatePositions(input.scene, input.positions, used.positions,
+                      model->reconstruction, &*model->position_priors);
+    LogPriors(*model->position_priors, context);
+  }
+  JudgeFocalLengths(input, used, options, context, model);
+  if (!options.is_for_lenses) PlaceInWorld(input, options, context, model);
+}
+
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model) {
-  const Scene& scene = input.scene;
   BundlePriors used_priors;
   if (input.calibration) {
     used_priors.calibration =
         input.calibration->PriorFor(FramesWith(initial.rig_from_world));
     StartAtPrior(used_priors.calibration, &initial);
   }
-  if (!input.positions.IsEmpty()) {
-    used_priors.positions = MoveToPriors(input, context, &initial, model);
-  }
-  if (const auto gravity = EstimateGravity(
-          scene, input.gravity, options.rotation_averaging.gravity_sigma_deg,
-          initial)) {
-    used_priors.gravity =
-        GravityTerms{input.gravity, gravity->down_in_world, gravity->sigma_rad};
-  }
+  UsePriors(input, options, context, &initial, &used_priors, model);
   AdjustToMatches(input, options, context, std::move(initial), &used_priors,
                   model);
-  if (model->position_priors) {
-    EvaluatePositions(scene, input.positions, used_priors.positions,
-                      model->reconstruction, &*model->position_priors);
-    LogPriors(*model->position_priors, context);
-  }
-  JudgeFocalLengths(input, used_priors, options, context, model);
+  PlaceModelInWorld(input, used_priors, options, context, model);
   if (options.is_for_lenses) return;
-  PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
   AdjustModelTimes(input, used_priors, options, context, model);
   const RunningStage stage("delays of cameras", context);

@@ -55,6 +55,18 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model);
 
+// Its steps before and after bundle adjustment, for models that are adjusted in
+// another way. The first one moves the model to the measured positions, and
+// adds the positions and directions of gravity to those that bundle adjustment
+// uses. The second one states how well they agree, checks the focal lengths,
+// and moves the model to its final world.
+void UsePriors(const AdjustmentInput& input, const MapperOptions& options,
+               const Context& context, Reconstruction* initial,
+               BundlePriors* used, MapperModel* model);
+void PlaceModelInWorld(const AdjustmentInput& input, const BundlePriors& used,
+                       const MapperOptions& options, const Context& context,
+                       MapperModel* model);
+
 // Passes the calibration of an adjusted model on to the next ones, unless the
 // model contradicts the rig of an earlier one.
 void PassOn(const MapperModel& model, const PositionPriors& positions,

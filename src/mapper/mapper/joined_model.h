@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <optional>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/mapper/mapper.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/priors.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// A model that was joined from models of parts of its scene.
+struct JoinedModel {
+  const Scene& scene;
+  const PositionPriors& positions;
+  const GravityPriors& gravity;
+  // The poses of the parts if they have one world, otherwise null. They
+  // determine the world of the result unless position priors do.
+  const Reconstruction* parts = nullptr;
+  bool is_refined = true;  // by bundle adjustment
+  // Bundle adjustment selects tracks with at most that many observations
+  // (bundle_adjustment/selected_tracks.h).
+  std::optional<size_t> max_num_observations = {};
+};
+
+// Adjusts a joined model as the mapper adjusts its models: registration and
+// deformation to the positions, bundle adjustment with positions and gravity,
+// the world frame, and the confidence of the frames. Tracks of the points
+// replace the matches, so that the memory is that of bundle adjustment. For
+// lack of matches, the confidence counts nothing against a cut, and delays of
+// cameras are not estimated.
+//
+// Points keep their colors. The result has one model, findings about it, the
+// sensors of the rotation summary, and the frames without a pose.
+[[nodiscard]] MapperResult AdjustJoinedModel(const JoinedModel& input,
+                                             const MapperOptions& options,
+                                             const Context& context,
+                                             Reconstruction joined);
+
+}  // namespace mgsfm
