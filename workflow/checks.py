@@ -127,7 +127,8 @@ class Checker:
                 if matcher in MATCHERS or "{" not in c])
 
     def check_folder(self, key, path):
-        if not os.path.isdir(str(path)) or not os.listdir(path):
+        if not any(files for _, _, files in os.walk(str(path),
+                                                    followlinks=True)):
             self.fault(key, path, "there is no such folder with images")
 
     def check_database(self, key, path):

@@ -376,6 +376,7 @@ MapperRun RunOf(const ModelMergerOptions& options) {
   run.loading.rig_name_rule = options.rigs.rig_name_rule;
   run.priors = options.priors;
   run.mapper.bundle_adjustment = options.bundle_adjustment;
+  run.mapper.compute_covariances = options.compute_covariances;
   run.options_json = OptionsToJsonOf(options);
   run.default_options_json = OptionsToJsonOf(ModelMergerOptions());
   return run;

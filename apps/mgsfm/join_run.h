@@ -44,6 +44,10 @@ struct ModelMergerOptions {
       "image_path", "",
       "Color the points of the joined models of graph by the images in this "
       "folder. Without it, points keep the colors of the sub-maps."};
+  Option<bool> compute_covariances{
+      "compute_covariances", false,
+      "Compute the covariances of the joined models of graph, as the mapper "
+      "does."};
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into the folder of each "
@@ -69,7 +73,7 @@ struct ModelMergerOptions {
     visit(input_path1, input_path2, output_path, min_common_images,
           max_reproj_error, output_format, rigs, graph, input_path,
           cluster_path, database_path, image_path, write_report, refine,
-          max_memory_mib, priors);
+          compute_covariances, max_memory_mib, priors);
     visit.Group("Join", join);
     visit.Group("BundleAdjustment", bundle_adjustment);
   }

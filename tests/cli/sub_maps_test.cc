@@ -245,7 +245,7 @@ TEST_F(MeasuredSubMaps, JoinUsesPositionsAndGravityLikeOneRun) {
   MapAll(Partition(3), -1, Priors());
   Run("mapper --write_report 0 --database_path " + Database() +
       " --output_path " + Path("single") + Priors());
-  Run(JoinTo("joined") + Priors());
+  Run(JoinTo("joined") + Priors() + " --compute_covariances 1");
   const std::string origin = ReadTextFile(Path("single/0/geo_origin.json"));
   for (const std::string model : {"maps/0/0", "maps/2/0", "joined/0"}) {
     EXPECT_EQ(ReadTextFile(Path(model + "/geo_origin.json")), origin) << model;
@@ -259,6 +259,7 @@ TEST_F(MeasuredSubMaps, JoinUsesPositionsAndGravityLikeOneRun) {
   EXPECT_EQ(model["gravity"]["num_priors"], 60);
   EXPECT_EQ(report["summary"]["models"][0]["num_images"], 120);
   EXPECT_TRUE(fs::exists(Path("joined/0/report.html")));
+  EXPECT_TRUE(fs::exists(Path("joined/0/covariances.csv")));
   // The frames are in their order, not in that of the clusters.
   const std::string table = ReadTextFile(Path("joined/0/frames.csv"));
   EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 61);

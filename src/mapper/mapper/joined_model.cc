@@ -13,6 +13,7 @@
 #include "mapper/model_extension.h"
 #include "mapper/stage.h"
 #include "mapper/weak_seams.h"
+#include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "registration/frame_addition.h"
 #include "scene/observations.h"
@@ -156,6 +157,13 @@ MapperResult AdjustJoinedModel(const JoinedModel& input,
   }
   colors.Apply(&model.reconstruction.points);
   PlaceModelInWorld(adjustment, priors, options, context, &model);
+  if (options.compute_covariances) {
+    const RunningStage stage("covariances", context);
+    model.covariances =
+        ComputeCovariances(scene, model.reconstruction,
+                           options.bundle_adjustment, stage.context(), priors);
+    stage.Finish(&model.times);
+  }
   AddConfidence(scene, options, context, &model);
   if (auto seams = DescribeSeams(scene, model.confidence)) {
     result.findings.push_back(std::move(*seams));

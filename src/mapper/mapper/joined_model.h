@@ -28,7 +28,8 @@ struct JoinedModel {
 
 // Adjusts a joined model as the mapper adjusts its models: registration and
 // deformation to the positions, bundle adjustment with positions and gravity,
-// the world frame, and the confidence of the frames. Tracks of the points
+// the world frame, the covariances if requested, and the
+// confidence of the frames. Tracks of the points
 // replace the matches, so that the memory is that of bundle adjustment. For
 // lack of matches, the confidence counts nothing against a cut, and delays of
 // cameras are not estimated.
