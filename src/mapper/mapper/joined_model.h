@@ -28,11 +28,10 @@ struct JoinedModel {
 
 // Adjusts a joined model as the mapper adjusts its models: registration and
 // deformation to the positions, bundle adjustment with positions and gravity,
-// the world frame, the covariances if requested, and the
-// confidence of the frames. Tracks of the points
-// replace the matches, so that the memory is that of bundle adjustment. For
-// lack of matches, the confidence counts nothing against a cut, and delays of
-// cameras are not estimated.
+// the world frame, the covariances if requested, and the confidence of the
+// frames. Tracks of the points replace the matches, so that the memory is that
+// of bundle adjustment. For lack of matches, the confidence counts nothing
+// against a cut, and delays of cameras are not estimated.
 //
 // Points keep their colors. The result has one model, findings about it, the
 // sensors of the rotation summary, and the frames without a pose.
