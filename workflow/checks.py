@@ -14,6 +14,7 @@ MATCHERS = ("sequential_matcher", "exhaustive_matcher", "spatial_matcher",
 NUMBERS = {"num_images": 0, "num_clusters": 0, "images_per_shard": 1,
            "images_per_match_shard": 1, "images_per_cluster": 1, "threads": 1}
 FLAGS = ("keeps_features", "shares_calibration")
+TEXTS = ("mgsfm", "images", "work", "database", "extends", "color_path")
 # The commands that get the flags of an entry.
 COMMANDS = {"extraction_options": ["feature_extractor"],
             "rig_options": ["rig_configurator"],
@@ -71,6 +72,9 @@ class Checker:
             if not isinstance(value, int) or isinstance(value, bool) or \
                     value < least:
                 self.fault(key, value, f"give a whole number of at least {least}")
+        for key in TEXTS:
+            if not isinstance(self.config[key], str):
+                self.fault(key, self.config[key], 'give a text, "" for none')
         for key in FLAGS:
             if not isinstance(self.config[key], bool):
                 self.fault(key, self.config[key], "give true or false")
@@ -82,6 +86,9 @@ class Checker:
 
     def check_resources(self):
         given, known = self.config["resources"], self.defaults["resources"]
+        if not isinstance(given, dict):
+            self.fault("resources", given, "give NAME: [base, per image]")
+            return
         for key, value in given.items():
             if key not in known:
                 self.fault(f"resources.{key}", value, nearest(key, known))
@@ -101,8 +108,10 @@ class Checker:
 
     def check_options(self, key, options, commands):
         try:
-            flags = flags_of(options)
-        except (ValueError, AttributeError, TypeError):
+            flags = flags_of(options) if isinstance(options, str) else None
+        except ValueError:
+            flags = None
+        if flags is None:
             self.fault(key, options, "give flags as one text with paired quotes")
             return
         for flag in flags:
@@ -190,7 +199,7 @@ def find_faults(config, defaults, files_are_local):
     checker.check_keys()
     checker.check_values()
     checker.check_resources()
-    if files_are_local:
+    if files_are_local and not checker.faults:
         checker.check_program()
         checker.check_input()
         checker.check_extension()

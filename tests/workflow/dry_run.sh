@@ -99,21 +99,30 @@ expect "$(cut -d / -f 1 x/new_images.txt | sort -u)" tuesday
 expect "$(grep -c -- '--calibration_path w/model/0/rig_config.json' calls)" 0
 expect "$(readlink x/maps/3)" "$folder/w/model"
 
-# Faults of the configuration are listed before the first job.
+# Faults of the configuration are listed before the first job: those of values,
+# then those of files and flags.
 rm calls
-snakemake --snakefile "$source_folder/workflow/Snakefile" \
-  --profile "$source_folder/workflow/profiles/local" --config images=none \
-  matcher=sequential threads=0 image_per_shard=3 \
-  mapper_options="--use_prior_positions 1 --output_path a" work=y \
-  >plan.txt 2>&1 && { echo "faults were ignored"; exit 1; }
-for line in "image_per_shard: 3: .* 'images_per_shard'?" \
-  "images: 'none': there is no such folder with images" \
+# expect_faults "SETTING ..." LINE ...
+expect_faults() {
+  local settings line
+  read -ra settings <<<"$1"
+  shift
+  snakemake --snakefile "$source_folder/workflow/Snakefile" \
+    --profile "$source_folder/workflow/profiles/local" --config work=y \
+    "${settings[@]}" >plan.txt 2>&1 &&
+    { echo "faults were ignored"; exit 1; }
+  for line in "$@"; do expect "$(grep -c "^$line" plan.txt)" 1; done
+}
+expect_faults "matcher=sequential threads=0 image_per_shard=3 database=7" \
+  "image_per_shard: 3: .* 'images_per_shard'?" \
   "matcher: 'sequential': did you mean 'sequential_matcher'?" \
   "threads: 0: give a whole number of at least 1" \
+  "database: 7: give a text"
+expect_faults "images=none mapper_options=--use_prior_positions \
+  join_options=--output_path" \
+  "images: 'none': there is no such folder with images" \
   "mapper_options: '--use_prior_positions': .* 'use_prior_position'?" \
-  "mapper_options: '--output_path': the workflow sets it; remove it"; do
-  expect "$(grep -c "^$line" plan.txt)" 1
-done
+  "join_options: '--output_path': the workflow sets it; remove it"
 expect "$(ls calls 2>&1 | grep -c '^calls$')" 0
 
 # Two runs in one folder exclude each other; a killed one needs no unlocking.
