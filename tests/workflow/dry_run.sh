@@ -91,6 +91,7 @@ snakemake --snakefile "$source_folder/workflow/Snakefile" \
   >plan.txt 2>&1 || { cat plan.txt; exit 1; }
 expect "$(grep '^feature_extractor' calls | grep -vc -- '--image_path tuesday')" 0
 expect "$(head -n 1 x/features.txt)" w/database.db
+expect "$(grep -c '^vocab_tree_builder' calls)" 0
 expect "$(grep -c tuesday x/pairs.txt)" 2
 expect "$(grep -vc tuesday x/pairs.txt)" 0
 expect "$(grep -c -- '--partition 3 .*--image_list_path x/new_images.txt' \
