@@ -200,13 +200,12 @@ std::vector<int> ImagesOfOtherRigs(const RigInput& input,
                                    const std::vector<RigConfig>& rigs) {
   std::vector<int> others;
   for (size_t i = 0; i < input.contents.images.size(); ++i) {
-    const std::string& name = input.contents.images[i].name;
-    const bool is_known =
-        std::any_of(rigs.begin(), rigs.end(), [&](const RigConfig& rig) {
-          return std::any_of(
-              rig.cameras.begin(), rig.cameras.end(),
-              [&](const auto& c) { return FrameKeyOf(c, name).has_value(); });
-        });
+    bool is_known = false;
+    for (const RigConfig& rig : rigs) {
+      for (const RigConfigCamera& camera : rig.cameras) {
+        is_known |= bool(FrameKeyOf(camera, input.contents.images[i].name));
+      }
+    }
     if (!is_known) others.push_back(static_cast<int>(i));
   }
   return others;
