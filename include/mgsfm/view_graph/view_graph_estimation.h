@@ -68,8 +68,8 @@ struct ViewGraphResult {
   ViewGraphSummary summary;
 };
 
-// Estimates the relative pose (5 degrees of freedom) of each image pair
-// independently; rigs are not used. For each pair:
+// Estimates the relative pose (5 degrees of freedom) of each image pair; rigs
+// are not used. For each pair:
 //  1. Initialization: of the input relative pose and the decompositions of E, F
 //     and H (the latter two for cameras without distortion), the pose with the
 //     smallest truncated squared Sampson error over all matches, with points in
@@ -79,7 +79,10 @@ struct ViewGraphResult {
 //     (geometry/epipolar.h), first with a fixed scale, then with one
 //     proportional to the median error of the pair. It stops at a relative cost
 //     decrease of 1e-5 or after 15 iterations.
-//  3. Parallax: a pure rotation is fitted as well. If it explains almost all
+//  3. Planes: if most inliers lie on a plane, the other motion that explains it
+//     is refined as well. If both explain almost all matches, triangles of
+//     images decide between them (docs/maths/view_graph.md).
+//  4. Parallax: a pure rotation is fitted as well. If it explains almost all
 //     inliers, the translation direction is unreliable and not set. The pair
 //     keeps the pure rotation if its errors are at noise level; otherwise the
 //     rotation of the pose, which parallax does not bias.

@@ -137,7 +137,9 @@ MatchedRays GatherRays(const ImagePair& pair, const Bearings& bearings) {
   return result;
 }
 
-PairEstimate Dropped() { return {PairOutcome::kDroppedFewInliers, {}}; }
+PairEstimate Dropped() {
+  return {PairOutcome::kDroppedFewInliers, {}, 0.0, {}};
+}
 
 class PairEstimator {
  public:
@@ -157,8 +159,20 @@ class PairEstimator {
     TryViewGraphPoses();
     if (!HasEnoughInliers(RequiredInitialInlierRatio())) Reestimate(random);
     if (!HasEnoughInliers(options_.min_inlier_ratio)) return Dropped();
-    Refine();
-    return Result();
+    const Refined refined = Refine(pose_);
+    PairEstimate estimate = Result(refined);
+    const std::optional<Rigid3> twin =
+        PlanarTwin(refined.inliers, refined.pose, max_error_);
+    if (!estimate.IsKept() || !twin) return estimate;
+    const Refined refined_twin = Refine(ToRelativePose(*twin));
+    if (refined_twin.inliers.size() < 5) return estimate;
+    PairEstimate other = Result(refined_twin);
+    if (!other.IsKept()) return estimate;
+    if (other.cost < estimate.cost) std::swap(estimate, other);
+    if (ExplainsAlmostAll(other, estimate)) {
+      estimate.twin = std::move(other.pair);
+    }
+    return estimate;
   }
 
  private:
@@ -232,8 +246,11 @@ class PairEstimator {
   }
 
   bool HasEnoughInliers(double ratio) const {
-    return score_.num_inliers >= options_.min_num_inliers &&
-           score_.num_inliers >= ratio * matched_.rays.size();
+    return HasEnoughInliers(score_, ratio);
+  }
+  bool HasEnoughInliers(const PoseScore& score, double ratio) const {
+    return score.num_inliers >= options_.min_num_inliers &&
+           score.num_inliers >= ratio * matched_.rays.size();
   }
 
   // A pure rotation is tried first: it needs few trials, and if it explains the
@@ -254,19 +271,24 @@ class PairEstimator {
     }
   }
 
-  // Refines the pose and, separately, a rotation without translation, and
-  // decides which of them the matches support.
-  void Refine() {
+  // A pose and the matches that refined it.
+  struct Refined {
+    Rigid3 pose;
+    RayMatches inliers;
+    PoseRefinementOptions refinement;
+  };
+
+  Refined Refine(const RelativePose& start) const {
     RayMatches inliers;
     inliers.Reserve(matched_.rays.size());
     const Mask is_inlier =
-        InliersOf(matched_.rays, pose_, kRelaxation * max_error_);
+        InliersOf(matched_.rays, start, kRelaxation * max_error_);
     for (size_t i = 0; i < matched_.rays.size(); ++i) {
       if (is_inlier[i]) {
         inliers.Add(matched_.rays.rays1[i], matched_.rays.rays2[i]);
       }
     }
-    Rigid3 pose = WithDirection(pose_, inliers, max_error_);
+    Rigid3 pose = WithDirection(start, inliers, max_error_);
     PoseRefinementOptions refinement = FirstRefinement(max_error_);
     RefineRelativePose(inliers, refinement, &pose);
     // Actual errors are often far below the threshold.
@@ -274,21 +296,14 @@ class PairEstimator {
         options_.loss_scale * MedianError(inliers, pose), 1e-3 * max_error_);
     refinement.relative_cost_tolerance = 1e-5;
     RefineRelativePose(inliers, refinement, &pose);
-    Eigen::Quaterniond rotation = pose.rotation;
-    RefineRotation(inliers, refinement, &rotation);
-
-    pose_ = ToRelativePose(pose);
-    has_direction_ = !HasLowParallax(rotation);
-    if (!has_direction_ && MedianRotationError(inliers, rotation) <=
-                               kMaxMedianRatio * MedianError(inliers, pose)) {
-      pose_ = {rotation, std::nullopt};
-    }
+    return {pose, std::move(inliers), refinement};
   }
 
   // Whether the rotation explains almost all inliers of the pose.
-  bool HasLowParallax(const Eigen::Quaterniond& rotation) const {
+  bool HasLowParallax(const Rigid3& pose,
+                      const Eigen::Quaterniond& rotation) const {
     const double min_parallax = options_.min_parallax_px * radians_per_pixel_;
-    const Mask is_inlier = InliersOf(matched_.rays, pose_, max_error_);
+    const Mask is_inlier = FindInliers(matched_.rays, pose, max_error_);
     const Eigen::Matrix3d R = rotation.toRotationMatrix();
     int num_inliers = 0, num_with_parallax = 0;
     for (size_t i = 0; i < matched_.rays.size(); ++i) {
@@ -301,25 +316,45 @@ class PairEstimator {
     return num_with_parallax <= options_.min_parallax_ratio * num_inliers;
   }
 
-  PairEstimate Result() {
-    score_ = Score(matched_.rays, pose_, max_error_);
-    if (!HasEnoughInliers(options_.min_inlier_ratio)) return Dropped();
-    PairEstimate result{source_, {}};
+  // Fits a rotation without translation to the same matches, and decides which
+  // of them the matches support.
+  PairEstimate Result(const Refined& refined) const {
+    const auto& [refined_pose, inliers, refinement] = refined;
+    Eigen::Quaterniond rotation = refined_pose.rotation;
+    RefineRotation(inliers, refinement, &rotation);
+    RelativePose pose = ToRelativePose(refined_pose);
+    const bool has_direction = !HasLowParallax(refined_pose, rotation);
+    if (!has_direction &&
+        MedianRotationError(inliers, rotation) <=
+            kMaxMedianRatio * MedianError(inliers, refined_pose)) {
+      pose = {rotation, std::nullopt};
+    }
+
+    const PoseScore score = Score(matched_.rays, pose, max_error_);
+    if (!HasEnoughInliers(score, options_.min_inlier_ratio)) return Dropped();
+    PairEstimate result{source_, {}, score.cost, {}};
     result.pair.image_idx1 = pair_.image_idx1;
     result.pair.image_idx2 = pair_.image_idx2;
     result.pair.config = pair_.config;
-    result.pair.relative_pose = pose_;
-    if (!has_direction_) {
+    result.pair.relative_pose = pose;
+    if (!has_direction) {
       result.pair.relative_pose->translation_direction.reset();
     }
-    result.pair.matches.reserve(score_.num_inliers);
-    const Mask is_inlier = InliersOf(matched_.rays, pose_, max_error_);
+    result.pair.matches.reserve(score.num_inliers);
+    const Mask is_inlier = InliersOf(matched_.rays, pose, max_error_);
     for (size_t i = 0; i < matched_.rays.size(); ++i) {
       if (is_inlier[i]) {
         result.pair.matches.push_back(pair_.matches[matched_.match_idxs[i]]);
       }
     }
     return result;
+  }
+
+  bool ExplainsAlmostAll(const PairEstimate& estimate,
+                         const PairEstimate& other) const {
+    return static_cast<double>(estimate.pair.matches.size()) >=
+           (1.0 - options_.min_parallax_ratio) *
+               static_cast<double>(other.pair.matches.size());
   }
 
   const ImagePair& pair_;
@@ -330,7 +365,6 @@ class PairEstimator {
   const double max_error_;  // in radians
   const MatchedRays matched_;
   RelativePose pose_{Eigen::Quaterniond::Identity(), std::nullopt};
-  bool has_direction_ = true;  // whether the result has the direction of pose_
   PoseScore score_{std::numeric_limits<double>::infinity(), 0};
   PairOutcome source_ = PairOutcome::kReestimated;
   bool is_of_distorted_ = false;
@@ -359,7 +393,7 @@ PairEstimate EstimatePair(const Scene& scene, const Bearings& bearings,
                           const ViewGraphOptions& options, Random random) {
   if (pair.config == TwoViewConfig::kDegenerate ||
       pair.config == TwoViewConfig::kWatermark) {
-    return {PairOutcome::kDroppedConfig, {}};
+    return {PairOutcome::kDroppedConfig, {}, 0.0, {}};
   }
   return PairEstimator(scene, bearings, pair, options).Estimate(&random);
 }

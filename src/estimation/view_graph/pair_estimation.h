@@ -18,7 +18,11 @@ enum class PairOutcome {
 
 struct PairEstimate {
   PairOutcome outcome = PairOutcome::kDroppedConfig;
-  ImagePair pair;  // set if IsKept()
+  ImagePair pair;     // set if IsKept()
+  double cost = 0.0;  // truncated squared errors of all matches
+  // Another pose that explains almost all matches, if most lie on a plane. Its
+  // cost is not smaller.
+  std::optional<ImagePair> twin;
 
   bool IsKept() const {
     return outcome == PairOutcome::kFromRow ||

@@ -6,6 +6,7 @@
 
 #include "base/parallel.h"
 #include "view_graph/pair_estimation.h"
+#include "view_graph/planar_twins.h"
 
 namespace mgsfm {
 namespace {
@@ -64,6 +65,7 @@ ViewGraphResult EstimateViewGraph(const Scene& scene, const Bearings& bearings,
         context.ReportProgress("view_graph", num_done, num_pairs);
       });
 
+  internal::ChooseTwins(static_cast<int>(scene.images.size()), &estimates);
   ViewGraphResult result;
   result.summary.num_pairs = static_cast<int>(num_pairs);
   for (size_t i = 0; i < num_pairs; ++i) {

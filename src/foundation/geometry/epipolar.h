@@ -115,6 +115,16 @@ Mask FindRotationInliers(const RayMatches& matches,
 std::vector<double> SampsonAngles(const RayMatches& matches,
                                   const Rigid3& cam2_from_cam1);
 
+// The other motion of the plane that holds most matches: a homography has two
+// decompositions with points in front of both cameras, and if few matches lie
+// elsewhere, both explain nearly all. nullopt if no plane holds half of the
+// matches within the maximum error, or if the rotations differ by less than
+// that. The plane is fitted to the inverse depths of up to 100 matches by
+// re-weighted least squares.
+std::optional<Rigid3> PlanarTwin(const RayMatches& matches,
+                                 const Rigid3& cam2_from_cam1,
+                                 double max_error_rad);
+
 // --- Refinement ---
 
 // Both refinements minimize the Cauchy loss sum_i c^2 / 2 log(1 + r_i^2 / c^2),

@@ -226,6 +226,46 @@ TEST(EpipolarTest, HomographyOfPlaneIsDecomposed) {
   }
 }
 
+TEST(EpipolarTest, PlanarTwinIsTheOtherMotionOfThePlane) {
+  Random random(31);
+  for (int trial = 0; trial < 20; ++trial) {
+    const Rigid3 pose = RandomPose(&random);
+    RayMatches matches = MakeMatches(
+        pose, {Layout::kPlane, /*num_matches=*/160, /*noise_rad=*/1e-4},
+        &random);
+    const size_t num_on_plane = matches.size();
+    const RayMatches elsewhere = MakeMatches(
+        pose, {Layout::kAhead, /*num_matches=*/40, /*noise_rad=*/1e-4},
+        &random);
+    for (size_t i = 0; i < elsewhere.size(); ++i) {
+      matches.Add(elsewhere.rays1[i], elsewhere.rays2[i]);
+    }
+    const auto twin = PlanarTwin(matches, pose, 2e-3);
+    ASSERT_TRUE(twin.has_value());
+    double least = 1.0;
+    for (const Rigid3& possible : PossiblePoses(pose, Layout::kPlane)) {
+      if (AngleBetween(possible.rotation, pose.rotation) < 1e-6) continue;
+      const Rigid3 unit{possible.rotation, possible.translation.normalized()};
+      least = std::min(least, Distance(*twin, unit));
+    }
+    EXPECT_LE(least, 0.01) << trial;
+    EXPECT_GE(ScoreRelativePose(matches, *twin, 2e-3).num_inliers,
+              0.95 * static_cast<double>(num_on_plane));
+    const auto again = PlanarTwin(matches, *twin, 2e-3);
+    ASSERT_TRUE(again.has_value());
+    EXPECT_LE(Distance(*again, pose), 0.01) << trial;
+  }
+}
+
+TEST(EpipolarTest, MatchesOffPlanesHaveNoPlanarTwin) {
+  Random random(32);
+  for (const Layout layout : {Layout::kAllAround, Layout::kAhead}) {
+    const Rigid3 pose = RandomPose(&random);
+    EXPECT_FALSE(PlanarTwin(MakeMatches(pose, {layout}, &random), pose, 2e-3));
+  }
+  EXPECT_FALSE(PlanarTwin({}, RandomPose(&random), 2e-3));
+}
+
 TEST(EpipolarTest, HomographyOfRotationIsDecomposed) {
   Random random(8);
   const Eigen::Quaterniond rotation = ExpSO3(RandomVector(&random));
