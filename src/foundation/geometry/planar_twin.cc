@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "geometry/epipolar.h"
-#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -70,11 +69,11 @@ std::vector<double> Errors(const std::vector<PlaneTerms>& samples,
 Eigen::Vector3d FitPlane(const std::vector<PlaneTerms>& samples,
                          const Eigen::Vector3d& t, double min_scale) {
   Eigen::Vector3d plane = Eigen::Vector3d::Zero();
+  std::vector<double> errors = Errors(samples, t, plane);
   double scale = std::numeric_limits<double>::infinity();
   for (int iteration = 0; iteration < kNumIterations; ++iteration) {
     Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
     Eigen::Vector3d b = Eigen::Vector3d::Zero();
-    const std::vector<double> errors = Errors(samples, t, plane);
     for (size_t k = 0; k < samples.size(); ++k) {
       const PlaneTerms& terms = samples[k];
       const double ratio = errors[k] / scale;
@@ -86,7 +85,11 @@ Eigen::Vector3d FitPlane(const std::vector<PlaneTerms>& samples,
       b -= weight * terms.offset * row;
     }
     plane = A.ldlt().solve(b);
-    scale = std::max(Median(Errors(samples, t, plane)), min_scale);
+    errors = Errors(samples, t, plane);
+    std::vector<double> sorted = errors;
+    const auto median = sorted.begin() + sorted.size() / 2;
+    std::nth_element(sorted.begin(), median, sorted.end());
+    scale = std::max(*median, min_scale);
   }
   return plane;
 }
