@@ -17,6 +17,7 @@ namespace {
 
 // The motion with the larger cost is right for 65 of 205 pairs of every third
 // EuRoC key frame of which one motion is within two degrees of the truth.
+// With 0.16 and 0.5, errors change by 1 %.
 constexpr double kPriorOfTwin = 0.32;
 // The change of a probability halves in each round.
 constexpr int kNumRounds = 20;

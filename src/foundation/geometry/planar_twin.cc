@@ -11,11 +11,9 @@
 namespace mgsfm {
 namespace {
 
-// A plane needs few of its points: that half of the matches are on it is known
-// to 5 % by a hundred of them.
+// A share of half is known to 5 % by a hundred matches. On every third EuRoC
+// key frame, 50 and 1,000 give the same errors, and so do 4 iterations below.
 constexpr size_t kMaxNumSamples = 100;
-// Planes that hold 90 % of the matches change by less than the noise after five
-// iterations.
 constexpr int kNumIterations = 8;
 
 // The distance, along the epipolar line, between a ray of camera 2 and the
