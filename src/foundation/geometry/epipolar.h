@@ -115,9 +115,9 @@ Mask FindRotationInliers(const RayMatches& matches,
 std::vector<double> SampsonAngles(const RayMatches& matches,
                                   const Rigid3& cam2_from_cam1);
 
-// The other motion of the plane that holds most matches: a homography has two
-// decompositions with points in front of both cameras, and if few matches lie
-// elsewhere, both explain nearly all. nullopt if no plane holds half of the
+// The other motion of the plane that holds most matches: a homography has up to
+// two decompositions with points in front of both cameras, and if few matches
+// lie elsewhere, both explain nearly all. nullopt if no plane holds half of the
 // matches within the maximum error, or if the rotations differ by less than
 // that. The plane is fitted to the inverse depths of up to 100 matches by
 // re-weighted least squares.

@@ -233,7 +233,7 @@ TEST(EpipolarTest, PlanarTwinIsTheOtherMotionOfThePlane) {
     RayMatches matches = MakeMatches(
         pose, {Layout::kPlane, /*num_matches=*/160, /*noise_rad=*/1e-4},
         &random);
-    const size_t num_on_plane = matches.size();
+    const auto num_on_plane = static_cast<std::ptrdiff_t>(matches.size());
     const RayMatches elsewhere = MakeMatches(
         pose, {Layout::kAhead, /*num_matches=*/40, /*noise_rad=*/1e-4},
         &random);
@@ -249,8 +249,10 @@ TEST(EpipolarTest, PlanarTwinIsTheOtherMotionOfThePlane) {
       least = std::min(least, Distance(*twin, unit));
     }
     EXPECT_LE(least, 0.01) << trial;
-    EXPECT_GE(ScoreRelativePose(matches, *twin, 2e-3).num_inliers,
-              0.95 * static_cast<double>(num_on_plane));
+    // It explains the rays, although some points can lie behind a camera.
+    const std::vector<double> errors = SampsonAngles(matches, *twin);
+    EXPECT_LE(*std::max_element(errors.begin(), errors.begin() + num_on_plane),
+              2e-3);
     const auto again = PlanarTwin(matches, *twin, 2e-3);
     ASSERT_TRUE(again.has_value());
     EXPECT_LE(Distance(*again, pose), 0.01) << trial;
