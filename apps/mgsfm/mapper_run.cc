@@ -6,6 +6,7 @@
 #include <exception>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string>
@@ -286,6 +287,37 @@ std::vector<size_t> FindImages(const Scene& model, const Scene& database,
   return idxs;
 }
 
+namespace {
+
+// The images of the database, of which priors may be a part of the input.
+// nullopt if the input has all of them in their order, if there are no priors,
+// or if files of times or rigs lack the other images.
+std::optional<Scene> AllImages(const MapperRun& run, const Scene& scene,
+                               const Context& context) {
+  const std::vector<Image>& images = scene.images;
+  const bool has_all_in_order =
+      ReadImageNames(run.database_path).size() == images.size() &&
+      std::is_sorted(
+          images.begin(), images.end(),
+          [](const Image& a, const Image& b) { return a.name < b.name; });
+  if (has_all_in_order || !run.priors.HaveAny()) return std::nullopt;
+  DatabaseSelection selection;
+  selection.has_keypoints = false;
+  selection.has_pair = [](const std::string&, const std::string&) {
+    return false;
+  };
+  Context quiet = context;  // the run has logged its input
+  quiet.log = nullptr;
+  DatabaseContents contents = ReadDatabase(run.database_path, quiet, selection);
+  try {
+    return LoadScene(std::move(contents), run.loading, quiet).scene;
+  } catch (const Error&) {
+    return std::nullopt;
+  }
+}
+
+}  // namespace
+
 void ReadPriors(const MapperRun& run, const Context& context,
                 MapperInput* input) {
   const auto read = [&](const Scene& scene) {
@@ -293,29 +325,13 @@ void ReadPriors(const MapperRun& run, const Context& context,
         ReadPositionPriors(scene, run.database_path, run.priors);
     input->gravity_priors = ReadGravity(scene, run.database_path, run.priors);
   };
-  const std::vector<Image>& images = input->scene.images;
-  const bool has_all_in_order =
-      ReadImageNames(run.database_path).size() == images.size() &&
-      std::is_sorted(
-          images.begin(), images.end(),
-          [](const Image& a, const Image& b) { return a.name < b.name; });
-  if (has_all_in_order || !run.priors.HaveAny()) {
+  const std::optional<Scene> all = AllImages(run, input->scene, context);
+  if (!all) {
     read(input->scene);
   } else {
-    DatabaseSelection selection;
-    selection.has_keypoints = false;
-    selection.has_pair = [](const std::string&, const std::string&) {
-      return false;
-    };
-    Context quiet = context;  // the run has logged its input
-    quiet.log = nullptr;
-    const Scene all =
-        LoadScene(ReadDatabase(run.database_path, quiet, selection),
-                  run.loading, quiet)
-            .scene;
-    read(all);
+    read(*all);
     const std::vector<size_t> idxs =
-        FindImages(input->scene, all, run.database_path);
+        FindImages(input->scene, *all, run.database_path);
     const auto select = [&](auto* images) {
       auto of_all = std::exchange(*images, {});
       if (of_all.empty()) return;
