@@ -81,8 +81,12 @@ std::optional<PoseComparison> ComparePositions(const Scene& scene,
 }
 
 std::string MakePage(const ModelPage& shown, const Context& context) {
-  const auto& [folder, image_path, input, model, model_idx, report_json] =
-      shown;
+  const fs::path& folder = shown.folder;
+  const std::string& image_path = shown.image_path;
+  const MapperInput& input = shown.input;
+  const MapperModel& model = shown.model;
+  const size_t model_idx = shown.model_idx;
+  const std::string& report_json = shown.report_json;
   return UsePoses(
       input.scene, model, [&](const Scene& scene, const Reconstruction& poses) {
         ReportPageInput page{folder.string(), scene, poses};
