@@ -99,7 +99,7 @@ SubMapFiles FindSubMaps(const ModelMergerOptions& options) {
 // The sub-maps of each image.
 using SubMapsOfName = std::map<std::string, std::set<size_t>>;
 
-// What a sub-map knows beside its model.
+// Facts about a sub-map that its run reports beside its model.
 struct SubMapFacts {
   std::vector<std::pair<std::string, Rigid3>> cam_from_world;  // by image name
   // Whether its world is that of measured positions, and the origin of GPS.

@@ -315,7 +315,11 @@ std::optional<Scene> AllImages(const MapperRun& run, const Scene& scene,
   DatabaseContents contents = ReadDatabase(run.database_path, quiet, selection);
   try {
     return LoadScene(std::move(contents), run.loading, quiet).scene;
-  } catch (const Error&) {
+  } catch (const Error& error) {
+    context.Info(
+        "the origin of positions is that of the listed images, as the others "
+        "cannot be read: " +
+        std::string(error.what()));
     return std::nullopt;
   }
 }

@@ -66,7 +66,8 @@ std::vector<size_t> FindImages(const Scene& model, const Scene& database,
 // Reads the priors of the images of the scene, which may be a part of those of
 // the database, in any order. Files may name any image of the database, and
 // positions have the origin of all of them, so that all parts get models in one
-// world.
+// world. If the files of times or rigs lack other images, the images of the
+// scene stand alone, and the log says so.
 void ReadPriors(const MapperRun& run, const Context& context,
                 MapperInput* input);
 

@@ -62,7 +62,8 @@ struct SubMapEdge {
 };
 
 struct JoinedMaps {
-  // By descending number of frames, which SortFrames() ordered.
+  // In descending order of their numbers of frames. SortFrames() has ordered
+  // the frames of each.
   std::vector<SceneModel> models;
   std::vector<std::vector<int>> sub_maps;  // per model, ascending
   std::vector<SubMapEdge> edges;

@@ -165,6 +165,7 @@ class PairEstimator {
         PlanarTwin(refined.inliers, refined.pose, max_error_);
     if (!estimate.IsKept() || !twin) return estimate;
     const Refined refined_twin = Refine(ToRelativePose(*twin));
+    // A pose needs five matches.
     if (refined_twin.inliers.size() < 5) return estimate;
     PairEstimate other = Result(refined_twin);
     if (!other.IsKept()) return estimate;
