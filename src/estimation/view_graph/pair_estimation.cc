@@ -159,15 +159,15 @@ class PairEstimator {
     TryViewGraphPoses();
     if (!HasEnoughInliers(RequiredInitialInlierRatio())) Reestimate(random);
     if (!HasEnoughInliers(options_.min_inlier_ratio)) return Dropped();
-    const Refined refined = Refine(pose_);
-    PairEstimate estimate = Result(refined);
+    const std::optional<Refined> refined = Refine(pose_);
+    if (!refined) return Dropped();
+    PairEstimate estimate = Result(*refined);
     const std::optional<Rigid3> twin =
-        PlanarTwin(refined.inliers, refined.pose, max_error_);
+        PlanarTwin(refined->inliers, refined->pose, max_error_);
     if (!estimate.IsKept() || !twin) return estimate;
-    const Refined refined_twin = Refine(ToRelativePose(*twin));
-    // A pose needs five matches.
-    if (refined_twin.inliers.size() < 5) return estimate;
-    PairEstimate other = Result(refined_twin);
+    const std::optional<Refined> refined_twin = Refine(ToRelativePose(*twin));
+    if (!refined_twin) return estimate;
+    PairEstimate other = Result(*refined_twin);
     if (!other.IsKept()) return estimate;
     if (other.cost < estimate.cost) std::swap(estimate, other);
     if (ExplainsAlmostAll(other, estimate)) {
@@ -279,7 +279,8 @@ class PairEstimator {
     PoseRefinementOptions refinement;
   };
 
-  Refined Refine(const RelativePose& start) const {
+  // nullopt if fewer matches agree than a pose needs.
+  std::optional<Refined> Refine(const RelativePose& start) const {
     RayMatches inliers;
     inliers.Reserve(matched_.rays.size());
     const Mask is_inlier =
@@ -289,6 +290,7 @@ class PairEstimator {
         inliers.Add(matched_.rays.rays1[i], matched_.rays.rays2[i]);
       }
     }
+    if (inliers.size() < 5) return std::nullopt;
     Rigid3 pose = WithDirection(start, inliers, max_error_);
     PoseRefinementOptions refinement = FirstRefinement(max_error_);
     RefineRelativePose(inliers, refinement, &pose);
@@ -297,7 +299,7 @@ class PairEstimator {
         options_.loss_scale * MedianError(inliers, pose), 1e-3 * max_error_);
     refinement.relative_cost_tolerance = 1e-5;
     RefineRelativePose(inliers, refinement, &pose);
-    return {pose, std::move(inliers), refinement};
+    return Refined{pose, std::move(inliers), refinement};
   }
 
   // Whether the rotation explains almost all inliers of the pose.

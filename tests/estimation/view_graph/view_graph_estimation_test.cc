@@ -309,6 +309,44 @@ TEST(ViewGraphEstimationTest, DropsUnusablePairs) {
   EXPECT_LE(CompareWithTruth(simulation, result).rotation_deg, 1e-3);
 }
 
+// Matches on a line leave their plane open, so that none may agree with its
+// second pose.
+TEST(ViewGraphEstimationTest, PairsOfFewOrCollinearMatchesAreNoError) {
+  Random random(3);
+  ViewGraphOptions options;
+  options.min_num_inliers = 8;
+  int num_kept = 0;
+  for (int trial = 0; trial < 2000; ++trial) {
+    Simulation simulation = MakePlanarPair();
+    ImagePair& pair = simulation.view_graph.pairs[0];
+    pair.H.reset();
+    pair.matches.resize(12);
+    const Eigen::Vector3d direction =
+        Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal())
+            .normalized();
+    pair.relative_pose = {Eigen::Quaterniond::Identity(), direction};
+    const double noise_px = trial % 5 == 0 ? 0.0 : 2.0;
+    const double parallax = std::pow(10.0, random.Uniform(-4.0, 0.0));
+    for (size_t i = 0; i < pair.matches.size(); ++i) {
+      auto& pixel1 = simulation.scene.images[0].keypoints_px[i];
+      if (trial % 2 == 0) pixel1.y() = 400.0f;
+      const Eigen::Vector3d point =
+          (trial % 3 == 0 ? 1.0 : random.Uniform(0.5, 2.0)) *
+              Eigen::Vector3d((pixel1.x() - 500) / 500,
+                              (pixel1.y() - 400) / 500, 1.0) +
+          parallax * direction;
+      simulation.scene.images[1].keypoints_px[i] =
+          (500.0 * point.head<2>() / point.z() +
+           Eigen::Vector2d(500.0 + noise_px * random.Normal(),
+                           400.0 + noise_px * random.Normal()))
+              .cast<float>();
+    }
+    num_kept +=
+        static_cast<int>(Estimate(simulation, options).estimate.pairs.size());
+  }
+  EXPECT_GT(num_kept, 100);
+}
+
 TEST(ViewGraphEstimationTest, KeypointsWithoutRayAreNoInliers) {
   const Simulation simulation = Simulate(SmallSimulation(RigPreset::kMono));
   Bearings bearings = ComputeBearings(simulation.scene, 1);
