@@ -202,14 +202,37 @@ class MotionSearch {
     std::vector<double> margins(nodes_.size(), kInfinity);
     for (size_t k = nodes_.size(); k-- > 0;) {
       const auto& chosen = choice.motions[k];
-      for (const Node& node : nodes_[k]) {
+      for (size_t h = 0; h < nodes_[k].size(); ++h) {
+        const Node& node = nodes_[k][h];
         after[k].push_back(CostAfter(k, node, after));
-        if (chosen && AreSimilar(chosen->velocity, node.velocity)) continue;
-        margins[k] =
-            std::min(margins[k], node.cost + after[k].back() - choice.cost);
+        const double margin = node.cost + after[k].back() - choice.cost;
+        if (margin >= margins[k]) continue;
+        if (!chosen || IsAnother(*chosen, k, steps_.candidates[k][h], node)) {
+          margins[k] = margin;
+        }
       }
     }
     return margins;
+  }
+
+  // Whether a candidate of step k is another motion than the chosen one. It is
+  // the same with another distance if its matches leave its distance open.
+  bool IsAnother(const ChosenMotion& chosen, size_t k,
+                 const Candidate& candidate, const Node& node) const {
+    if (AreSimilar(chosen.velocity, node.velocity)) return false;
+    if (!candidate.free_direction) return true;
+    const MeasuredMotion motion =
+        mgsfm::MotionOf(chosen.velocity, steps_.durations[k]);
+    if (!AreEqualMotions(
+            candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
+            steps_.noise, kDistinct)) {
+      return true;
+    }
+    return chosen.HasDistance() &&
+           (!steps_.compare ||
+            steps_.compare(k, steps_.MotionOf(k, candidate).later_from_earlier,
+                           motion.later_from_earlier)
+                    .unexplained >= kContestingShare);
   }
 
   bool AreSimilar(const Velocity& a, const Velocity& b) const {

@@ -96,6 +96,38 @@ TEST(MotionSearchTest, AMotionWithoutRivalHasAnInfiniteMargin) {
   }
 }
 
+// The steps of a rig that goes straight on, of which those in the middle have a
+// second hypothesis: their direction without a distance.
+Steps StepsWithAFreeDirection(double unexplained) {
+  std::vector<StepHypotheses> hypotheses(
+      kNumSteps, StepHypotheses{{{Forward(1.0)}, 0.5, 0.5}});
+  MotionHypothesis free{{Forward(0.0)}, 0.5, 0.5};
+  free.free_direction = Forward(1.0).Center().normalized();
+  for (size_t k = 1; k + 1 < kNumSteps; ++k) hypotheses[k].push_back(free);
+  Steps steps = MakeRegularSteps(hypotheses);
+  steps.compare = [=](size_t, const Rigid3&, const Rigid3&) {
+    return MotionExclusion{unexplained, unexplained, 0};
+  };
+  for (size_t k = 0; k < kNumSteps; ++k) {
+    steps.candidates[k] = TryDistances(steps, k);
+  }
+  return steps;
+}
+
+// A direction whose matches leave the distance open is no rival of a motion
+// along it; one whose matches contradict the distance is.
+TEST(MotionSearchTest, AnOpenDistanceIsNoRival) {
+  const Mask is_doubtful(kNumSteps, true);
+  const MotionChoice open =
+      ChooseMotions(StepsWithAFreeDirection(0.0), is_doubtful);
+  const MotionChoice contradicted =
+      ChooseMotions(StepsWithAFreeDirection(1.0), is_doubtful);
+  for (size_t k = 1; k + 1 < kNumSteps; ++k) {
+    EXPECT_TRUE(std::isinf(open.margins[k])) << k;
+    EXPECT_TRUE(std::isfinite(contradicted.margins[k])) << k;
+  }
+}
+
 // Only motions that differ and have enough matches are compared.
 TEST(MotionCandidatesTest, NearnessIsRelativeToTheFarthestRival) {
   const std::vector<StepHypotheses> hypotheses{
