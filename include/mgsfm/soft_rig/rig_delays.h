@@ -16,7 +16,9 @@ struct CameraDelay {
   int sensor_idx = 0;
   double delay = 0.0;  // positive: triggers after the reference
   double sigma = 0.0;
-  // Whether the delay is significant: chance exceeds it in 1 of 10,000 cameras.
+  // Whether the delay is significant: chance exceeds it in 1 of 10,000 cameras,
+  // and the delays of all cameras move keypoints by more than a tenth of their
+  // noise.
   bool is_certain = false;
   // The variance of the sensor pose from the scatter between blocks of frames,
   // divided by the variance for independent residuals.

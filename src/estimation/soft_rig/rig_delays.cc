@@ -9,6 +9,7 @@
 
 #include "geometry/so3.h"
 #include "soft_rig/rig_scores.h"
+#include "soft_rig/rig_timing.h"
 #include "soft_rig/soft_rig_problem.h"
 #include "soft_rig/timed_rig.h"
 
@@ -276,7 +277,7 @@ bool MayBeDelayed(const RigScores& scores) {
 
 std::vector<CameraDelay> Describe(const RigScores& rigid,
                                   const RigScores& scores, const TimedRig& rig,
-                                  bool has_converged) {
+                                  bool may_be_certain) {
   const MatrixXd covariance = Jackknife(scores);
   const RigScores poses = WithoutDelays(rigid);
   const MatrixXd of_poses = Jackknife(poses);
@@ -290,8 +291,8 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
     CameraDelay camera{scores.sensor_idxs[k]};
     camera.delay = rig.delays[camera.sensor_idx] + step[column];
     camera.sigma = std::sqrt(covariance(column, column));
-    camera.is_certain = has_converged && IsCertain(camera.delay / camera.sigma,
-                                                   scores.scores.cols());
+    camera.is_certain = may_be_certain && IsCertain(camera.delay / camera.sigma,
+                                                    scores.scores.cols());
     camera.overdispersion =
         std::max(1.0, Overdispersion(of_poses, independent, first));
     camera.overdispersion_of_points =
@@ -337,7 +338,10 @@ std::optional<RigDelays> EstimateRigDelays(
   }
   RigDelays result;
   result.is_in_seconds = measured.times.are_seconds;
-  result.cameras = Describe(*rigid, *scores, rig, has_converged);
+  result.cameras =
+      Describe(*rigid, *scores, rig,
+               has_converged && DelaysMatter(scene, measured.times, rig.delays,
+                                             rig.model, context));
   if (HasKnownLength(scene, measured)) {
     const auto fixed =
         ComputeRigScores(scene, rig, options, context, RigGauge::kFixedScale);

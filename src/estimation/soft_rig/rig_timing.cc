@@ -266,6 +266,34 @@ void Summarize(const TimingRun& run, const Scene& seen, const TimedRig& rig,
   }
 }
 
+// Whether two motions of the images move keypoints apart by more than a tenth
+// of their noise.
+bool AreVisiblyDifferent(const Scene& scene, const Reconstruction& model,
+                         const std::vector<RigMotion>& motions1,
+                         const std::vector<RigMotion>& motions2,
+                         const Context& context) {
+  Reconstruction moved = model;
+  const auto views_with = [&](const std::vector<RigMotion>& motions) {
+    moved.motions = motions;
+    return MakeImageViews(scene, moved);
+  };
+  const std::vector<ImageView> views1 = views_with(motions1);
+  const std::vector<ImageView> views2 = views_with(motions2);
+  double squares = 0.0, count = 0.0;
+  for (const Point3D& point : model.points) {
+    for (const Observation& o : point.track) {
+      const auto pixel1 = views1[o.image_idx].Project(point.point_in_world);
+      const auto pixel2 = views2[o.image_idx].Project(point.point_in_world);
+      if (!pixel1 || !pixel2) continue;
+      squares += (*pixel2 - *pixel1).squaredNorm();
+      count += 1.0;
+    }
+  }
+  const double noise_px = std::max(
+      kMinKeypointSigmaPx, NoiseSigmaPx(scene, model, context.num_threads));
+  return squares > count * 0.01 * noise_px * noise_px;
+}
+
 }  // namespace
 
 SoftRigResult EstimateRigTiming(const RigTimingInput& timing_input,
@@ -302,26 +330,20 @@ SoftRigResult EstimateRigTiming(const RigTimingInput& timing_input,
 
 bool TimesMatter(const Scene& scene, const CaptureTimes& times,
                  const Reconstruction& model, const Context& context) {
-  Reconstruction moved = model;
-  moved.motions =
-      FindImageMotions(scene, times,
-                       std::vector<double>(scene.sensors.size(), 0.0), model)
-          .since_frame;
-  const std::vector<ImageView> views = MakeImageViews(scene, model);
-  const std::vector<ImageView> moved_views = MakeImageViews(scene, moved);
-  double squares = 0.0, count = 0.0;
-  for (const Point3D& point : model.points) {
-    for (const Observation& o : point.track) {
-      const auto before = views[o.image_idx].Project(point.point_in_world);
-      const auto after = moved_views[o.image_idx].Project(point.point_in_world);
-      if (!before || !after) continue;
-      squares += (*after - *before).squaredNorm();
-      count += 1.0;
-    }
-  }
-  const double noise_px = std::max(
-      kMinKeypointSigmaPx, NoiseSigmaPx(scene, model, context.num_threads));
-  return squares > count * 0.01 * noise_px * noise_px;
+  const std::vector<double> no_delays(scene.sensors.size(), 0.0);
+  return AreVisiblyDifferent(
+      scene, model, {},
+      FindImageMotions(scene, times, no_delays, model).since_frame, context);
+}
+
+bool DelaysMatter(const Scene& scene, const CaptureTimes& times,
+                  const std::vector<double>& delays,
+                  const Reconstruction& model, const Context& context) {
+  const std::vector<double> no_delays(scene.sensors.size(), 0.0);
+  return AreVisiblyDifferent(
+      scene, model,
+      FindImageMotions(scene, times, no_delays, model).since_frame,
+      FindImageMotions(scene, times, delays, model).since_frame, context);
 }
 
 bool ExplainsMore(const Scene& scene, const Reconstruction& a,

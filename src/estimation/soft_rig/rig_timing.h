@@ -61,6 +61,11 @@ struct RigTimingInput {
 bool TimesMatter(const Scene& scene, const CaptureTimes& times,
                  const Reconstruction& model, const Context& context);
 
+// The same for delays of sensors.
+bool DelaysMatter(const Scene& scene, const CaptureTimes& times,
+                  const std::vector<double>& delays,
+                  const Reconstruction& model, const Context& context);
+
 // Whether the first of two models of a scene explains more of its keypoints:
 // the sum over observations of 1 - (error / bound)^2, with the smaller of the
 // bounds of both models.
