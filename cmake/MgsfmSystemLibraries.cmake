@@ -1,13 +1,14 @@
 # Libraries whose Debian packages contain no CMake configuration. Users of an
 # installed mgsfm include this file, too, because static libraries link them.
 
-# mgsfm_find_library(TARGET LIBRARY HEADER SUFFIX)
-# Defines TARGET for a library whose HEADER may be in the subfolder SUFFIX.
+# mgsfm_find_library(TARGET LIBRARY HEADER SUFFIX [NAMES...])
+# Defines TARGET for a library whose HEADER may be in the subfolder SUFFIX, and
+# which is called LIBRARY or one of NAMES.
 function(mgsfm_find_library target library header suffix)
   if(TARGET ${target})
     return()
   endif()
-  find_library(MGSFM_${library}_LIBRARY ${library} REQUIRED)
+  find_library(MGSFM_${library}_LIBRARY NAMES ${library} ${ARGN} REQUIRED)
   # By target: mgsfm_flann and mgsfm_lz4 link one library, with other headers.
   find_path(${target}_INCLUDE_DIR ${header} PATH_SUFFIXES ${suffix} REQUIRED)
   mark_as_advanced(MGSFM_${library}_LIBRARY ${target}_INCLUDE_DIR)
@@ -78,11 +79,11 @@ function(mgsfm_find_system_libraries)
       INTERFACE_LINK_LIBRARIES "${libraries}")
   endif()
   # The names that OpenCV's own configuration, which only the large package
-  # libopencv-dev contains, gives to these libraries.
+  # libopencv-dev contains, gives to these libraries. Files of vcpkg end with 4.
   foreach(part core imgcodecs imgproc)
     if("opencv_${part}" IN_LIST ARGN)
       mgsfm_find_library(opencv_${part} opencv_${part} opencv2/${part}.hpp
-        opencv4)
+        opencv4 opencv_${part}4)
     endif()
   endforeach()
   if("mgsfm_exiv2" IN_LIST ARGN)
