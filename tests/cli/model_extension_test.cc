@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // `mgsfm mapper --input_path` and `mgsfm point_triangulator` as users run them,
 // on the demo: 24 frames of four cameras.
+#include <sqlite3.h>
+
+#include <array>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -149,6 +152,43 @@ TEST_F(GoingOnCommand, BadInputIsExitCode1AndWritesNothing) {
                 "1 1 0 0 0 0 0 0 1 " +
                     ReadModelPoses(DemoTruth()).images[0].name + "\n\n");
   ExpectRefused(Run("mapper", Path("in")), HasSubstr("SIMPLE_PINHOLE of 640"));
+}
+
+// The mapper chooses models for unknown lenses, so that a database does not have
+// those of the model that was made from it.
+TEST_F(GoingOnCommand, UnknownLensesAreThoseOfTheModel) {
+  const std::string database = Path("database.db");
+  fs::copy(DemoDatabase(), database);
+  const auto set_cameras = [&](int prior_focal_length) {
+    sqlite3* db = nullptr;
+    ASSERT_EQ(sqlite3_open(database.c_str(), &db), SQLITE_OK);
+    sqlite3_stmt* row = nullptr;
+    ASSERT_EQ(sqlite3_prepare_v2(db,
+                                 "UPDATE cameras SET model = 2, params = ?, "
+                                 "prior_focal_length = ?",
+                                 -1, &row, nullptr),
+              SQLITE_OK);
+    const std::array<double, 4> params{500.0, 320.0, 240.0, 0.0};
+    sqlite3_bind_blob(row, 1, params.data(), sizeof(params), SQLITE_STATIC);
+    sqlite3_bind_int(row, 2, prior_focal_length);
+    EXPECT_EQ(sqlite3_step(row), SQLITE_DONE);
+    sqlite3_finalize(row);
+    sqlite3_close(db);
+  };
+  const std::string command = "mapper --database_path " + database +
+                              " --input_path " + First() + " --output_path " +
+                              Out();
+  set_cameras(1);
+  ExpectRefused(RunMgsfm(command), HasSubstr("SIMPLE_RADIAL of"));
+  set_cameras(0);
+  const CommandOutput output = RunMgsfm(command);
+  ASSERT_EQ(output.exit_code, 0) << output.err;
+  const Model model = ReadModel(Out() + "/0"), first = ReadModel(First());
+  ASSERT_EQ(model.cameras.size(), first.cameras.size());
+  for (size_t i = 0; i < model.cameras.size(); ++i) {
+    EXPECT_EQ(model.cameras[i].model, first.cameras[i].model);
+  }
+  EXPECT_EQ(model.poses.images.size(), 24u * 4u);
 }
 
 TEST_F(GoingOnCommand, PointsAreTriangulatedAndPosesHeld) {

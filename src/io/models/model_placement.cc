@@ -120,7 +120,8 @@ void ModelPlacer::TakeCameras() {
     const Camera& camera =
         model_.cameras[camera_of_id.at(model_.poses.images[i].camera_id)];
     Camera& in_scene = scene_.cameras[image.camera_idx];
-    if (camera.model != in_scene.model ||
+    const bool is_known = in_scene.has_prior_focal_length;
+    if ((is_known && camera.model != in_scene.model) ||
         camera.width_px != in_scene.width_px ||
         camera.height_px != in_scene.height_px) {
       ThrowModelError(folder_, "image '" + image.name + "' has a camera " +
@@ -131,6 +132,7 @@ void ModelPlacer::TakeCameras() {
     }
     if (is_taken[image.camera_idx]) continue;
     is_taken[image.camera_idx] = true;
+    in_scene.model = camera.model;
     in_scene.params = camera.params;
     in_scene.has_prior_focal_length = true;
   }

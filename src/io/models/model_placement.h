@@ -25,13 +25,15 @@ struct PlacedModel {
 // as in MakeModelScene (model_scene.h). Sensors and frames without an image in
 // the model have no pose.
 //
-// Cameras of the scene get the intrinsics of the model, which count as known. A
+// Cameras of the scene get the intrinsics of the model, which count as known,
+// and its camera models, which the mapper chooses for unknown lenses. A
 // reference sensor without an image in the model is replaced by the sensor of
 // its rig with the most images there.
 //
 // Throws Error, naming model, image and remedy, if
 // - the scene lacks an image of the model, or all of them,
-// - an image has another camera model or size there,
+// - an image has another size there, or another camera model although its
+//   focal length is known,
 // - with `with_points`: the model has no points, or an observation is not the
 //   keypoint of the scene that it should be, to one pixel,
 // - images of one frame of the model are in several frames of the scene,
