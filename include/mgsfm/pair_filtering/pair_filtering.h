@@ -71,11 +71,6 @@ struct PairFilteringOptions {
       "use_rotation_consistency", true,
       "Reject pairs whose rotation is beyond the drift bound of the skeletal "
       "graph."};
-  Option<bool> use_turning_loops{
-      "use_turning_loops", true,
-      "Reject loop pairs of a sequence if, with them, nearly all pairs of "
-      "neighbors across a step contradict its rotation in the same way, and "
-      "all loops across it show one place."};
   Option<bool> use_unsupported_bridges{
       "use_unsupported_bridges", true,
       "Reject a pair that alone connects two components if it has no triplet "
@@ -134,9 +129,8 @@ struct PairFilteringOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(is_sequence, use_motion_continuity, use_ambiguous_motion,
-          use_fixed_regions, use_rotation_consistency, use_turning_loops,
-          use_unsupported_bridges, use_baseline_drift_bound,
-          use_baseline_consistency);
+          use_fixed_regions, use_rotation_consistency, use_unsupported_bridges,
+          use_baseline_drift_bound, use_baseline_consistency);
   }
 };
 
@@ -148,7 +142,6 @@ enum class RejectionReason {
   kAmbiguousMotion,
   kUnknownSensorRotation,  // sensor_from_rig of one of its images is unknown
   kRotationBeyondDriftBound,
-  kTurningLoop,
   kInconsistentRotation,  // contradicts the averaged rotations
   kUnsupportedBridge,
   kFrameWithoutRotation,  // no accepted pair connects one of its frames
@@ -167,7 +160,6 @@ struct EnumTable<RejectionReason> {
       {"unknown_sensor_rotation", RejectionReason::kUnknownSensorRotation},
       {"rotation_beyond_drift_bound",
        RejectionReason::kRotationBeyondDriftBound},
-      {"turning_loop", RejectionReason::kTurningLoop},
       {"inconsistent_rotation", RejectionReason::kInconsistentRotation},
       {"unsupported_bridge", RejectionReason::kUnsupportedBridge},
       {"frame_without_rotation", RejectionReason::kFrameWithoutRotation},
@@ -207,11 +199,6 @@ inline constexpr PairRule kPairRules[] = {
      &PairFilteringOptions::use_rotation_consistency,
      "pairs whose rotation differs from that of the skeletal graph by more "
      "than its drift explains"},
-    {"turning loops", "rotation averaging", RejectionReason::kTurningLoop,
-     &PairFilteringOptions::use_turning_loops,
-     "loop pairs of a sequence that show one place, across a step whose "
-     "averaged rotation nearly all pairs of neighbors contradict in the same "
-     "way"},
     {"unsupported bridges", "rotation averaging",
      RejectionReason::kUnsupportedBridge,
      &PairFilteringOptions::use_unsupported_bridges,

@@ -7,7 +7,6 @@
 
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "pair_filtering/pair_verdicts.h"
 
 namespace mgsfm {
 namespace {
@@ -114,35 +113,6 @@ std::optional<Vector3d> TurnOf(const Scene& scene, const ImagePair& pair,
                 *rotation1);
 }
 
-// The used loop pairs of one sequence with the step to a frame between theirs.
-Mask FindLoopsAcross(const PairEvidence& evidence, int frame_after) {
-  const FramePairIndex& index = evidence.index;
-  Mask is_across(index.num_pairs(), false);
-  for (size_t i = 0; i < is_across.size(); ++i) {
-    const auto& frames = index.Of(i);
-    if (!evidence.pair_is_used[i] || !frames.time_gap ||
-        !index.IsLoop(frames) ||
-        !index.order()->Gap(frames.frame_idx1, frame_after)) {
-      continue;
-    }
-    is_across[i] = index.order()->IsBefore(frames.frame_idx1, frame_after) !=
-                   index.order()->IsBefore(frames.frame_idx2, frame_after);
-  }
-  return is_across;
-}
-
-// Whether pairs of several frames at two places or more agree. Isolated pairs
-// do not count.
-bool ShowSeveralPlaces(const FramePairIndex& index, const Mask& pairs) {
-  const std::vector<RejectedGroup> groups = GroupRejectedPairs(index, pairs);
-  const auto num_places =
-      std::count_if(groups.begin(), groups.end(), [](const RejectedGroup& g) {
-        return g.first_frame_idx1 != g.last_frame_idx1 ||
-               g.first_frame_idx2 != g.last_frame_idx2;
-      });
-  return num_places >= 2;
-}
-
 }  // namespace
 
 StepDeviations FindDisplacedSteps(
@@ -184,20 +154,6 @@ Mask FindTurnedSteps(const PairEvidence& evidence,
     is_turned[f] = turns[f] && turns[f]->norm() > kMinTurn_rad;
   }
   return is_turned;
-}
-
-Mask FindTurningLoops(const PairEvidence& evidence,
-                      const Mask& step_is_turned) {
-  Mask is_turning(evidence.index.num_pairs(), false);
-  for (size_t f = 0; f < step_is_turned.size(); ++f) {
-    if (!step_is_turned[f]) continue;
-    const Mask is_across = FindLoopsAcross(evidence, static_cast<int>(f));
-    if (ShowSeveralPlaces(evidence.index, is_across)) continue;
-    for (size_t i = 0; i < is_turning.size(); ++i) {
-      if (is_across[i]) is_turning[i] = true;
-    }
-  }
-  return is_turning;
 }
 
 }  // namespace mgsfm

@@ -55,11 +55,4 @@ using StepDeviations = std::vector<std::optional<Eigen::Vector3d>>;
 [[nodiscard]] Mask FindTurnedSteps(const PairEvidence& evidence,
                                    const RotationEstimate& rotations);
 
-// The used loop pairs of one sequence with a turned step between their frames,
-// unless those of two places or more, of several frames each, agree: then the
-// few neighbors across the step are wrong. Places are groups of pairs
-// (pair_verdicts.h). Per pair.
-[[nodiscard]] Mask FindTurningLoops(const PairEvidence& evidence,
-                                    const Mask& step_is_turned);
-
 }  // namespace mgsfm

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "geometry/so3.h"
-#include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/skeletal_graph.h"
 #include "pair_filtering/skeleton_consistency.h"
@@ -197,7 +196,6 @@ SkeletonResult FilterBySkeleton(const RotationInput& input, const Mask& is_used,
 // The rotations by the pairs that remain, and the pairs that rules reject.
 struct SupportedRotations {
   AveragedRotations averaged;
-  Mask turns_step;
   Mask is_bridge;
 };
 
@@ -217,37 +215,24 @@ Mask LoopsOf(const FramePairIndex& index, Mask pairs) {
   return pairs;
 }
 
-// Averages again without the loops that turn a step or join parts without
-// support, until there are none: they can have outvoted correct neighbors.
+// Averages again without the loops that join parts without support, until there
+// are none: they can have outvoted correct neighbors.
 SupportedRotations AverageSupported(const RotationInput& input,
                                     const SkeletonResult& skeleton,
                                     const RotationOptions& options,
                                     const Context& context, Mask is_used) {
-  const Mask none(is_used.size(), false);
-  SupportedRotations result{{}, none, none};
-  const auto evidence_of = [&](const Mask& pairs) {
-    return PairEvidence{input.scene, input.index,       input.view_graph,
-                        pairs,       options.filtering, context.num_threads};
-  };
+  SupportedRotations result{{}, Mask(is_used.size(), false)};
   while (true) {
     result.averaged = AverageWithGravity(
         input, is_used, skeleton.start ? &*skeleton.start : nullptr,
         options.averaging, context);
     const RotationEstimate& estimate = result.averaged.result.estimate;
-    if (IsRuleOn(RejectionReason::kTurningLoop, options.filtering)) {
-      const PairEvidence evidence = evidence_of(is_used);
-      const Mask turns_step =
-          FindTurningLoops(evidence, FindTurnedSteps(evidence, estimate));
-      if (turns_step.Any()) {
-        Move(turns_step, &is_used, &result.turns_step);
-        continue;
-      }
-    }
     if (!IsRuleOn(RejectionReason::kUnsupportedBridge, options.filtering)) {
       return result;
     }
-    const Mask is_bridge =
-        FindUnsupportedBridges(evidence_of(estimate.pair_is_inlier));
+    const Mask is_bridge = FindUnsupportedBridges(
+        {input.scene, input.index, input.view_graph, estimate.pair_is_inlier,
+         options.filtering, context.num_threads});
     const Mask loops = LoopsOf(input.index, is_bridge);
     Move(loops.Any() ? loops : is_bridge, &is_used, &result.is_bridge);
     if (!loops.Any() || !is_used.Any()) return result;
@@ -275,7 +260,7 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
   const SkeletonResult skeleton =
       FilterBySkeleton(input, is_used, options, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);
-  auto [averaged, turns_step, is_bridge] =
+  auto [averaged, is_bridge] =
       AverageSupported(input, skeleton, options, context, is_used);
   LogBridges(input, is_bridge, context);
   result.gravity_rejection = std::move(averaged.gravity_rejection);
@@ -293,7 +278,6 @@ EstimatedRotations EstimateRotations(const RotationInput& input,
          RejectionReason::kUnknownSensorRotation, &result.verdicts);
   Reject(skeleton.is_beyond_drift_bound,
          RejectionReason::kRotationBeyondDriftBound, &result.verdicts);
-  Reject(turns_step, RejectionReason::kTurningLoop, &result.verdicts);
   Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
   RejectByEstimate(input.index, result.estimate, &result.verdicts);
   return result;

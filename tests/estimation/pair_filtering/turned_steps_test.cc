@@ -74,13 +74,6 @@ class TurningDrive {
     return FindTurnedSteps({scene_, index, view_graph_, all, options},
                            estimate_);
   }
-  Mask LoopsAcross(const Mask& step_is_turned) const {
-    const FramePairIndex index(scene_, view_graph_, SequenceMode::kYes);
-    const Mask all(view_graph_.pairs.size(), true);
-    const PairFilteringOptions options;
-    return FindTurningLoops({scene_, index, view_graph_, all, options},
-                            step_is_turned);
-  }
   int FrameOf(int rank) const { return order_[rank]; }
 
  private:
@@ -124,32 +117,6 @@ TEST(TurnedSteps, AreNotTheDriftOfLoops) {
     drive.TurnFrom(k, {0.0, DegToRad(0.3), 0.0});
   }
   EXPECT_FALSE(drive.Find().Any());
-}
-
-TEST(TurnedSteps, SeparateTheFramesOfLoops) {
-  TurningDrive drive;
-  const size_t before = drive.Add(2, kTurnedRank - 1);
-  const size_t across = drive.Add(kTurnedRank - 1, kTurnedRank + 15);
-  const size_t after = drive.Add(kTurnedRank, kTurningDriveLength - 1);
-  drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
-  const Mask is_across = drive.LoopsAcross(drive.Find());
-  EXPECT_FALSE(is_across[before]);
-  EXPECT_TRUE(is_across[across]);
-  EXPECT_FALSE(is_across[after]);
-  EXPECT_EQ(is_across.Count(), 1U);  // neighbors are no loops
-}
-
-// Loops that agree at two places are right, and the neighbors are wrong.
-TEST(TurnedSteps, AreRightIfLoopsOfSeveralPlacesAgree) {
-  TurningDrive drive;
-  drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
-  const Mask is_turned = drive.Find();
-  for (int k = 0; k < 5; ++k) drive.Add(k, kTurnedRank + 5 + k);
-  EXPECT_EQ(drive.LoopsAcross(is_turned).Count(), 5U);
-  drive.Add(kTurnedRank - 5, kTurningDriveLength - 5);  // an isolated pair
-  EXPECT_EQ(drive.LoopsAcross(is_turned).Count(), 6U);
-  drive.Add(kTurnedRank - 5, kTurningDriveLength - 4);
-  EXPECT_FALSE(drive.LoopsAcross(is_turned).Any());
 }
 
 }  // namespace

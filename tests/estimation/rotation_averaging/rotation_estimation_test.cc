@@ -77,22 +77,6 @@ TEST(RotationRecipe, DuplicatesSomeDegreesOffDoNotBreakTheTrajectory) {
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
 }
 
-// The drift bound of the skeleton accepts them.
-TEST(RotationRecipe, DuplicatesWithinTheDriftBoundDoNotTurnTheWeakestStep) {
-  const Simulation simulation = DriveWithDuplicates(3.0, 14);
-  const EstimatedRotations result = Estimate(simulation);
-  EXPECT_EQ(NumFramesWithRotation(result.estimate), kDriveLength);
-  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
-  EXPECT_GT(std::count(result.verdicts.begin(), result.verdicts.end(),
-                       RejectionReason::kTurningLoop),
-            0);
-  PairFilteringOptions without;
-  without.use_turning_loops = false;
-  EXPECT_GT(
-      MaxFrameErrorDeg(simulation, Estimate(simulation, without).estimate),
-      1.0);
-}
-
 // If images are missing, a frame can have more matches with an unrelated place
 // than with its neighbors, and few pairs hold the trajectory together.
 TEST(RotationRecipe, IsolatedWrongPairsDoNotBreakTheTrajectory) {
