@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "matching/descriptor_products.h"
 #include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/view_graph.h"
 
@@ -27,8 +28,10 @@ struct DescriptorView {
 // with cross_check, j must also accept i. Ties go to the smaller index.
 //
 // Cost: 128 |1| |2| integer multiplications; one pass serves both directions.
+// The matches are the same for all instruction sets of the processor.
 [[nodiscard]] std::vector<Match> MatchDescriptors(
     DescriptorView descriptors1, DescriptorView descriptors2,
-    const DescriptorMatchingOptions& options);
+    const DescriptorMatchingOptions& options,
+    InstructionSet set = FastestInstructionSet());
 
 }  // namespace mgsfm

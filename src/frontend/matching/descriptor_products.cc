@@ -8,31 +8,57 @@
 #include <immintrin.h>
 #endif
 
+#include "base/cpu_features.h"
+
 namespace mgsfm {
 namespace {
 
-constexpr int kNumPairs = kNumDims / 2;
+using Four = float __attribute__((vector_size(16)));
+using Eight = float __attribute__((vector_size(32)));
 
-void MultiplyPortable(const int16_t* rows, const int16_t* columns,
-                      int32_t* tile) {
-  for (int r = 0; r < kTileRows; ++r) {
-    int32_t sums[kTileColumns] = {};
-    for (int k = 0; k < kNumPairs; ++k) {
-      const int32_t a0 = rows[r * kNumDims + 2 * k];
-      const int32_t a1 = rows[r * kNumDims + 2 * k + 1];
-      const int16_t* b = columns + 2 * kTileColumns * k;
-      for (int c = 0; c < kTileColumns; ++c) {
-        sums[c] += a0 * b[2 * c] + a1 * b[2 * c + 1];
+// Rows whose sums stay in 8 of the 16 registers of AVX2 or SSE2.
+constexpr int kAvx2Rows = 4;
+constexpr int kPortableRows = 2;
+
+// In vector registers; compilers do not vectorize these loops over numbers.
+template <class Vector, int kNumRows>
+MGSFM_ALWAYS_INLINE void MultiplyFloats(const float* rows, const float* columns,
+                                        int32_t* tile) {
+  constexpr int kSize = sizeof(Vector) / sizeof(float);
+  constexpr int kNumVectors = kTileColumns / kSize;
+  Vector sums[kNumRows][kNumVectors] = {};
+  for (int k = 0; k < kNumDims; ++k) {
+    for (int v = 0; v < kNumVectors; ++v) {
+      Vector b;
+      std::memcpy(&b, columns + kTileColumns * k + v * kSize, sizeof(b));
+      for (int r = 0; r < kNumRows; ++r) {
+        sums[r][v] += rows[r * kNumDims + k] * b;
       }
     }
-    std::memcpy(tile + r * kTileColumns, sums, sizeof(sums));
+  }
+  for (const auto& row : sums) {
+    for (const Vector& sum : row) {
+      float dots[kSize];
+      std::memcpy(dots, &sum, sizeof(dots));
+      tile = std::copy_n(dots, kSize, tile);
+    }
   }
 }
 
+void MultiplyPortable(const float* rows, const float* columns, int32_t* tile) {
+  MultiplyFloats<Four, kPortableRows>(rows, columns, tile);
+}
+
+MGSFM_TARGET_AVX2 void MultiplyAvx2(const float* rows, const float* columns,
+                                    int32_t* tile) {
+  MultiplyFloats<Eight, kAvx2Rows>(rows, columns, tile);
+}
+
 // Free of branches, so that compilers vectorize the inner loop.
-inline __attribute__((always_inline)) void UpdateTopTwo(
-    const int32_t* __restrict tile, int first_row, int block,
-    TopTwoLanes* __restrict of_rows, TopTwoLanes* __restrict of_columns) {
+MGSFM_ALWAYS_INLINE void UpdateTopTwo(const int32_t* __restrict tile,
+                                      int first_row, int block,
+                                      TopTwoLanes* __restrict of_rows,
+                                      TopTwoLanes* __restrict of_columns) {
   const int32_t block_code = 255 - block;
   for (int r = 0; r < kTileRows; ++r) {
     const int32_t row_code = 255 - first_row - r;
@@ -65,71 +91,17 @@ int32_t LoadGroup(const void* values) {
   return group;
 }
 
-// Only half of the rows fit into the 16 registers at a time.
-void MultiplySse2(const int16_t* rows, const int16_t* columns, int32_t* tile) {
-  constexpr int kNumRows = kTileRows / 2;
-  for (int half = 0; half < 2; ++half) {
-    __m128i sums[kNumRows][4];
-    for (auto& row : sums) {
-      for (__m128i& sum : row) sum = _mm_setzero_si128();
-    }
-    const int16_t* a = rows + half * kNumRows * kNumDims;
-    for (int k = 0; k < kNumPairs; ++k) {
-      const auto* b =
-          reinterpret_cast<const __m128i*>(columns + 2 * kTileColumns * k);
-      for (int r = 0; r < kNumRows; ++r) {
-        const __m128i pair =
-            _mm_set1_epi32(LoadGroup(a + r * kNumDims + 2 * k));
-        for (int c = 0; c < 4; ++c) {
-          sums[r][c] = _mm_add_epi32(
-              sums[r][c], _mm_madd_epi16(pair, _mm_loadu_si128(b + c)));
-        }
-      }
-    }
-    auto* out =
-        reinterpret_cast<__m128i*>(tile + half * kNumRows * kTileColumns);
-    for (const auto& row : sums) {
-      for (const __m128i& sum : row) _mm_storeu_si128(out++, sum);
-    }
-  }
-}
-
-__attribute__((target("avx2"))) void MultiplyAvx2(const int16_t* rows,
-                                                  const int16_t* columns,
-                                                  int32_t* tile) {
-  __m256i sums[kTileRows][2];
-  for (auto& row : sums) row[0] = row[1] = _mm256_setzero_si256();
-  for (int k = 0; k < kNumPairs; ++k) {
-    const auto* b =
-        reinterpret_cast<const __m256i*>(columns + 2 * kTileColumns * k);
-    const __m256i b0 = _mm256_loadu_si256(b);
-    const __m256i b1 = _mm256_loadu_si256(b + 1);
-    for (int r = 0; r < kTileRows; ++r) {
-      const __m256i pair =
-          _mm256_set1_epi32(LoadGroup(rows + r * kNumDims + 2 * k));
-      sums[r][0] = _mm256_add_epi32(sums[r][0], _mm256_madd_epi16(pair, b0));
-      sums[r][1] = _mm256_add_epi32(sums[r][1], _mm256_madd_epi16(pair, b1));
-    }
-  }
-  for (int r = 0; r < kTileRows; ++r) {
-    auto* out = reinterpret_cast<__m256i*>(tile + r * kTileColumns);
-    _mm256_storeu_si256(out, sums[r][0]);
-    _mm256_storeu_si256(out + 1, sums[r][1]);
-  }
-}
-
 // Adds four products to two unsigned 16-bit sums, whose total is below 2^16.
-__attribute__((target("avx2"))) void MultiplyRoughAvx2(const uint8_t* rows,
-                                                       const int8_t* columns,
-                                                       int32_t* tile) {
-  __m256i sums[kTileRows][2];
+MGSFM_TARGET_AVX2 void MultiplyRoughAvx2(const uint8_t* rows,
+                                         const int8_t* columns, int32_t* tile) {
+  __m256i sums[kAvx2Rows][2];
   for (auto& row : sums) row[0] = row[1] = _mm256_setzero_si256();
   for (int k = 0; k < kNumDims / 4; ++k) {
     const auto* b =
         reinterpret_cast<const __m256i*>(columns + 4 * kTileColumns * k);
     const __m256i b0 = _mm256_loadu_si256(b);
     const __m256i b1 = _mm256_loadu_si256(b + 1);
-    for (int r = 0; r < kTileRows; ++r) {
+    for (int r = 0; r < kAvx2Rows; ++r) {
       const __m256i group =
           _mm256_set1_epi32(LoadGroup(rows + r * kNumDims + 4 * k));
       sums[r][0] =
@@ -143,7 +115,7 @@ __attribute__((target("avx2"))) void MultiplyRoughAvx2(const uint8_t* rows,
   const __m256i low_half = _mm256_set1_epi32(0xffff);
   for (int half = 0; half < 2; ++half) {
     const __m256i factor = _mm256_loadu_si256(factors + half);
-    for (int r = 0; r < kTileRows; ++r) {
+    for (int r = 0; r < kAvx2Rows; ++r) {
       const __m256i sum = sums[r][half];
       const __m256i dot = _mm256_add_epi32(_mm256_and_si256(sum, low_half),
                                            _mm256_srli_epi32(sum, 16));
@@ -154,10 +126,35 @@ __attribute__((target("avx2"))) void MultiplyRoughAvx2(const uint8_t* rows,
   }
 }
 
-__attribute__((target("avx2"))) void UpdateAvx2(const int32_t* tile,
-                                                int first_row, int block,
-                                                TopTwoLanes* of_rows,
-                                                TopTwoLanes* of_columns) {
+__attribute__((target("avx512f,avx512vnni"))) void MultiplyAvx512Vnni(
+    const int8_t* rows, const uint8_t* columns, int32_t* tile) {
+  __m512i sums[kTileRows];
+  for (__m512i& sum : sums) {
+    sum = _mm512_loadu_si512(columns + ByteTileFunctions::kNumValues);
+  }
+  for (int k = 0; k < kNumDims / 4; ++k) {
+    const __m512i b = _mm512_loadu_si512(columns + 4 * kTileColumns * k);
+    for (int r = 0; r < kTileRows; ++r) {
+      sums[r] = _mm512_dpbusd_epi32(
+          sums[r], b,
+          _mm512_set1_epi32(LoadGroup(rows + r * kNumDims + 4 * k)));
+    }
+  }
+  for (int r = 0; r < kTileRows; ++r) {
+    _mm512_storeu_si512(tile + r * kTileColumns, sums[r]);
+  }
+}
+
+MGSFM_TARGET_AVX2 void UpdateAvx2(const int32_t* tile, int first_row, int block,
+                                  TopTwoLanes* of_rows,
+                                  TopTwoLanes* of_columns) {
+  UpdateTopTwo(tile, first_row, block, of_rows, of_columns);
+}
+
+__attribute__((target("avx512f"))) void UpdateAvx512(const int32_t* tile,
+                                                     int first_row, int block,
+                                                     TopTwoLanes* of_rows,
+                                                     TopTwoLanes* of_columns) {
   UpdateTopTwo(tile, first_row, block, of_rows, of_columns);
 }
 
@@ -165,31 +162,31 @@ __attribute__((target("avx2"))) void UpdateAvx2(const int32_t* tile,
 
 }  // namespace
 
-void TopTwoLanes::Clear() {
-  std::fill_n(best, kTileColumns, -1);
-  std::fill_n(second, kTileColumns, -1);
-}
-
-ExactTileFunctions PortableTileFunctions() {
-  return {MultiplyPortable, UpdatePortable};
-}
-
-ExactTileFunctions FastestTileFunctions() {
+std::vector<InstructionSet> InstructionSets() {
+  std::vector<InstructionSet> sets = {InstructionSet::kPortable};
 #if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2")) return {MultiplyAvx2, UpdateAvx2};
-  return {MultiplySse2, UpdatePortable};
-#else
-  return PortableTileFunctions();
-#endif
-}
-
-std::optional<RoughTileFunctions> FindRoughTileFunctions() {
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2")) {
-    return RoughTileFunctions{MultiplyRoughAvx2, UpdateAvx2};
+  if (HasAvx2()) sets.push_back(InstructionSet::kAvx2);
+  if (HasAvx2() && __builtin_cpu_supports("avx512vnni")) {
+    sets.push_back(InstructionSet::kAvx512Vnni);
   }
 #endif
-  return std::nullopt;
+  return sets;
+}
+
+InstructionSet FastestInstructionSet() { return InstructionSets().back(); }
+
+TileKernels KernelsOf(InstructionSet set) {
+  TileKernels kernels;
+  kernels.floats = {kPortableRows, MultiplyPortable, UpdatePortable};
+#if defined(__x86_64__)
+  if (set == InstructionSet::kAvx2) {
+    kernels.floats = {kAvx2Rows, MultiplyAvx2, UpdateAvx2};
+    kernels.rough = {kAvx2Rows, MultiplyRoughAvx2, UpdateAvx2};
+  } else if (set == InstructionSet::kAvx512Vnni) {
+    kernels.bytes = {kTileRows, MultiplyAvx512Vnni, UpdateAvx512};
+  }
+#endif
+  return kernels;
 }
 
 }  // namespace mgsfm

@@ -4,17 +4,19 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numeric>
+#include <optional>
+#include <utility>
 
 namespace mgsfm {
 namespace {
 
-// Rows multiplied with one block of columns while both are in the L1 cache: 64
-// rows and 16 columns of 128 values of 16 bits take 20 of usually 32 KiB.
-constexpr int kPanelRows = 16 * kTileRows;
 // Rows and blocks of columns whose positions fit into one code.
-constexpr int kCellRows = 4 * kPanelRows;
+constexpr int kCellRows = kMaxNumPositions;
 constexpr int kCellBlocks = kMaxNumPositions;
-static_assert(kCellRows <= kMaxNumPositions);
+// Size of the rows that are multiplied with one block of columns, of at most
+// 8 KiB, while both are in the L1 cache of usually 32 KiB.
+constexpr int kPanelBytes = 16 << 10;
 
 void Enter(int32_t dot, int32_t idx, TwoNearest* nearest) {
   if (dot > nearest->best_dot ||
@@ -44,28 +46,31 @@ class Cell {
        size_t num_columns)
       : functions_(functions),
         num_rows_(static_cast<int>(num_rows)),
-        num_columns_(static_cast<int>(num_columns)),
-        of_rows_(kCellRows),
-        of_columns_(kCellBlocks) {}
+        num_columns_(static_cast<int>(num_columns)) {}
 
   // Computes the cell that starts at this row and block of columns.
   void Multiply(const std::vector<Row>& rows,
                 const std::vector<Column>& columns, int first_row,
                 int first_block) {
-    for (TopTwoLanes& lanes : of_rows_) lanes.Clear();
-    for (TopTwoLanes& lanes : of_columns_) lanes.Clear();
+    TopTwoLanes none{};
+    std::fill_n(none.best, kTileColumns, -1);
+    std::fill_n(none.second, kTileColumns, -1);
+    of_rows_.assign(kCellRows, none);
+    of_columns_.assign(kCellBlocks, none);
     first_row_ = first_row;
     first_block_ = first_block;
     num_cell_rows_ = std::min(kCellRows, num_rows_ - first_row);
     num_cell_blocks_ =
         std::min(kCellBlocks, (num_columns_ + kTileColumns - 1) / kTileColumns -
                                   first_block);
+    constexpr int kPanelRows = kPanelBytes / (kNumDims * sizeof(Row));
     for (int panel = 0; panel < num_cell_rows_; panel += kPanelRows) {
       const int panel_end = std::min(panel + kPanelRows, num_cell_rows_);
       for (int block = 0; block < num_cell_blocks_; ++block) {
+        const size_t idx =
+            static_cast<size_t>(first_block) + static_cast<size_t>(block);
         const Column* block_columns =
-            columns.data() + static_cast<size_t>(first_block + block) *
-                                 TileFunctions<Row, Column>::kBlockSize;
+            columns.data() + idx * TileFunctions<Row, Column>::kBlockSize;
         for (int row = panel; row < panel_end; row += kTileRows) {
           MultiplyTile(
               rows.data() + static_cast<size_t>(first_row + row) * kNumDims,
@@ -99,7 +104,10 @@ class Cell {
  private:
   void MultiplyTile(const Row* rows, const Column* columns, int row,
                     int block) {
-    functions_.multiply(rows, columns, tile_);
+    for (int r = 0; r < kTileRows; r += functions_.num_rows) {
+      functions_.multiply(rows + r * kNumDims, columns,
+                          tile_ + r * kTileColumns);
+    }
     const int rows_left = num_cell_rows_ - row;
     const int columns_left =
         num_columns_ - (first_block_ + block) * kTileColumns;
@@ -132,51 +140,91 @@ class Cell {
   alignas(64) int32_t tile_[kTileRows * kTileColumns];
 };
 
-}  // namespace
-
 template <class Row, class Column>
-void FindTwoNearestOfPacked(const TileFunctions<Row, Column>& functions,
-                            const std::vector<Row>& rows, size_t num_rows,
-                            const std::vector<Column>& columns,
-                            size_t num_columns,
-                            std::vector<TwoNearest>* nearest_of_rows,
-                            std::vector<TwoNearest>* nearest_of_columns) {
-  nearest_of_rows->assign(num_rows, {});
-  nearest_of_columns->assign(num_columns, {});
+TwoNearestOfPair FindTwoNearestOfPacked(
+    const TileFunctions<Row, Column>& functions, const std::vector<Row>& rows,
+    size_t num_rows, const std::vector<Column>& columns, size_t num_columns) {
+  TwoNearestOfPair nearest;
+  nearest.of_1.resize(num_rows);
+  nearest.of_2.resize(num_columns);
   Cell<Row, Column> cell(functions, num_rows, num_columns);
-  const int last_row = static_cast<int>(num_rows);
   const int num_blocks =
       static_cast<int>(columns.size() / TileFunctions<Row, Column>::kBlockSize);
-  for (int row = 0; row < last_row; row += kCellRows) {
+  for (int row = 0; row < static_cast<int>(num_rows); row += kCellRows) {
     for (int block = 0; block < num_blocks; block += kCellBlocks) {
       cell.Multiply(rows, columns, row, block);
-      cell.EnterRows(nearest_of_rows);
-      cell.EnterColumns(nearest_of_columns);
+      cell.EnterRows(&nearest.of_1);
+      cell.EnterColumns(&nearest.of_2);
     }
   }
+  return nearest;
 }
 
-template void FindTwoNearestOfPacked(const ExactTileFunctions&,
-                                     const std::vector<int16_t>&, size_t,
-                                     const std::vector<int16_t>&, size_t,
-                                     std::vector<TwoNearest>*,
-                                     std::vector<TwoNearest>*);
-template void FindTwoNearestOfPacked(const RoughTileFunctions&,
-                                     const std::vector<uint8_t>&, size_t,
-                                     const std::vector<int8_t>&, size_t,
-                                     std::vector<TwoNearest>*,
-                                     std::vector<TwoNearest>*);
+// Contiguous rows less `offset`, padded with zeros to whole tiles. The memory,
+// of 16 MiB at most by default, is reused by the next call in this thread: new
+// memory would take a tenth of the time.
+template <class Row>
+const std::vector<Row>& PackRows(DescriptorView descriptors, int offset = 0) {
+  const size_t num_tiles = (descriptors.size + kTileRows - 1) / kTileRows;
+  static thread_local std::vector<Row> rows;
+  rows.assign(num_tiles * kTileRows * kNumDims, 0);
+  std::transform(
+      descriptors.data, descriptors.data + descriptors.size * kNumDims,
+      rows.begin(),
+      [&](uint8_t value) { return static_cast<Row>(value - offset); });
+  return rows;
+}
 
-void FindTwoNearest(DescriptorView descriptors1, DescriptorView descriptors2,
-                    std::vector<TwoNearest>* nearest_of_1,
-                    std::vector<TwoNearest>* nearest_of_2) {
-  FindTwoNearestOfPacked(
-      FastestTileFunctions(), PackRows<int16_t>(descriptors1),
-      descriptors1.size,
-      PackColumns<ExactTileFunctions, int16_t>(
-          descriptors2.size,
-          [&](size_t i, size_t k) { return descriptors2.Row(i)[k]; }),
-      descriptors2.size, nearest_of_1, nearest_of_2);
+// Columns in blocks, padded in the same way, of values value(element); a block
+// of bytes ends with number(column).
+template <class Column, class Value, class Number>
+const std::vector<Column>& PackColumns(DescriptorView descriptors,
+                                       const Value& value,
+                                       const Number& number) {
+  using Functions = TileFunctions<Column, Column>;
+  constexpr size_t kGroupSize = Functions::kGroupSize;
+  const size_t num_blocks =
+      (descriptors.size + kTileColumns - 1) / kTileColumns;
+  static thread_local std::vector<Column> blocks;
+  blocks.assign(num_blocks * Functions::kBlockSize, 0);
+  for (size_t i = 0; i < descriptors.size; ++i) {
+    Column* block = blocks.data() + i / kTileColumns * Functions::kBlockSize;
+    const size_t column = i % kTileColumns;
+    Column values[kNumDims];
+    std::transform(
+        descriptors.Row(i), descriptors.Row(i + 1), values,
+        [&](uint8_t element) { return static_cast<Column>(value(element)); });
+    for (size_t k = 0; k < kNumDims; k += kGroupSize) {
+      std::memcpy(block + k * kTileColumns + column * kGroupSize, values + k,
+                  sizeof(int32_t));
+    }
+    if (Functions::kBlockSize == Functions::kNumValues) continue;
+    const int32_t number_of_i = number(i);
+    std::memcpy(block + Functions::kNumValues + column * sizeof(number_of_i),
+                &number_of_i, sizeof(number_of_i));
+  }
+  return blocks;
+}
+
+}  // namespace
+
+TwoNearestOfPair FindTwoNearest(DescriptorView descriptors1,
+                                DescriptorView descriptors2,
+                                InstructionSet set) {
+  const TileKernels kernels = KernelsOf(set);
+  const auto same = [](uint8_t value) { return value; };
+  const auto offset = [&](size_t j) {
+    return 128 *
+           std::accumulate(descriptors2.Row(j), descriptors2.Row(j + 1), 0);
+  };
+  if (kernels.bytes.multiply != nullptr) {
+    return FindTwoNearestOfPacked(
+        kernels.bytes, PackRows<int8_t>(descriptors1, 128), descriptors1.size,
+        PackColumns<uint8_t>(descriptors2, same, offset), descriptors2.size);
+  }
+  return FindTwoNearestOfPacked(
+      kernels.floats, PackRows<float>(descriptors1), descriptors1.size,
+      PackColumns<float>(descriptors2, same, offset), descriptors2.size);
 }
 
 namespace {
@@ -187,14 +235,12 @@ constexpr int kMultiplier = 31;
 // Largest 16-bit sum.
 constexpr double kMaxRoughDot = 65535.0;
 // Largest 15-bit factor.
-constexpr double kMaxFactor = 32767.0;
+constexpr int32_t kMaxFactor = 32767;
 // Bound on the rounding errors of a dot product: a rounded factor causes less
 // than 2^16 * 2^-kFactorBits / 2 = 8, the division less than 1.
 constexpr double kMargin = 10.0;
 
-int8_t RoundedValue(uint8_t value) {
-  return static_cast<int8_t>((value * kMultiplier + 64) >> 7);
-}
+int32_t RoundedValue(uint8_t value) { return (value * kMultiplier + 64) >> 7; }
 
 int32_t ExactDot(const uint8_t* a, const uint8_t* b) {
   int32_t sum = 0;
@@ -209,7 +255,9 @@ struct Rounding {
   double h = 0.0;  // |h|
 
   double m() const { return s * length_c; }
-  double Factor() const { return std::round(s * (1 << kFactorBits)); }
+  int32_t Factor() const {
+    return static_cast<int32_t>(std::lround(s * (1 << kFactorBits)));
+  }
 };
 
 Rounding RoundingOf(const uint8_t* b) {
@@ -252,12 +300,13 @@ struct Bounds {
   }
 };
 
-RoughDecision Decide(const TwoNearest& rough, int32_t best_dot,
-                     const Bounds& bounds, const AcceptanceTest& accepts) {
-  using State = RoughDecision::State;
-  if (rough.best_idx == TwoNearest::kNone) {
-    return {State::kRejects, std::nullopt};
-  }
+// Marks a decision that the bounds leave open.
+constexpr int32_t kUnsure = -2;
+
+// The descriptor that one accepts, kNone or kUnsure.
+int32_t Decide(const TwoNearest& rough, int32_t best_dot, const Bounds& bounds,
+               const AcceptanceTest& accepts) {
+  if (rough.best_idx == TwoNearest::kNone) return TwoNearest::kNone;
   double max_second = 0.0, min_second = 0.0;
   if (rough.second_dot >= 0) {
     max_second = std::max(0.0, bounds.Upper(rough.second_dot));
@@ -267,41 +316,25 @@ RoughDecision Decide(const TwoNearest& rough, int32_t best_dot,
       const bool may_accept =
           accepts(static_cast<int32_t>(std::ceil(max_second)),
                   std::min<double>(best_dot, min_second));
-      return {may_accept ? State::kUnsure : State::kRejects, std::nullopt};
+      return may_accept ? kUnsure : TwoNearest::kNone;
     }
   }
-  if (!accepts(best_dot, min_second)) return {State::kRejects, rough.best_idx};
-  return {accepts(best_dot, max_second) ? State::kAccepts : State::kUnsure,
-          rough.best_idx};
+  if (!accepts(best_dot, min_second)) return TwoNearest::kNone;
+  return accepts(best_dot, max_second) ? rough.best_idx : kUnsure;
 }
 
-std::vector<int8_t> PackRounded(DescriptorView descriptors,
-                                const std::vector<Rounding>& roundings) {
-  std::vector<int8_t> blocks = PackColumns<RoughTileFunctions, int8_t>(
-      descriptors.size,
-      [&](size_t j, size_t k) { return RoundedValue(descriptors.Row(j)[k]); });
-  for (size_t j = 0; j < descriptors.size; ++j) {
-    const auto factor = static_cast<int32_t>(roundings[j].Factor());
-    int8_t* block =
-        blocks.data() + j / kTileColumns * RoughTileFunctions::kBlockSize;
-    std::memcpy(block + RoughTileFunctions::kNumValues +
-                    j % kTileColumns * sizeof(factor),
-                &factor, sizeof(factor));
-  }
-  return blocks;
-}
-
-}  // namespace
-
-std::optional<RoughDecisions> DecideRoughly(DescriptorView descriptors1,
-                                            DescriptorView descriptors2,
-                                            const AcceptanceTest& accepts) {
-  const auto functions = FindRoughTileFunctions();
-  if (!functions) return std::nullopt;
+// nullopt if there are no rough products or sums could overflow.
+std::optional<Accepted> DecideRoughly(DescriptorView descriptors1,
+                                      DescriptorView descriptors2,
+                                      InstructionSet set,
+                                      const AcceptanceTest& accepts) {
+  const RoughTileFunctions functions = KernelsOf(set).rough;
+  if (functions.multiply == nullptr) return std::nullopt;
   std::vector<double> norms(descriptors1.size);
   std::vector<Rounding> roundings(descriptors2.size);
   Bounds all;
-  double max_length_c = 0.0, max_factor = 0.0;
+  double max_length_c = 0.0;
+  int32_t max_factor = 0;
   for (size_t i = 0; i < descriptors1.size; ++i) {
     norms[i] = std::sqrt(ExactDot(descriptors1.Row(i), descriptors1.Row(i)));
     all.a = std::max(all.a, norms[i]);
@@ -316,15 +349,12 @@ std::optional<RoughDecisions> DecideRoughly(DescriptorView descriptors1,
   if (all.a * max_length_c > kMaxRoughDot || max_factor > kMaxFactor) {
     return std::nullopt;
   }
-  std::vector<TwoNearest> rough_of_1, rough_of_2;
-  FindTwoNearestOfPacked(*functions, PackRows<uint8_t>(descriptors1),
-                         descriptors1.size,
-                         PackRounded(descriptors2, roundings),
-                         descriptors2.size, &rough_of_1, &rough_of_2);
-
-  RoughDecisions decisions;
-  decisions.of_1.resize(descriptors1.size);
-  decisions.of_2.resize(descriptors2.size);
+  const TwoNearestOfPair rough = FindTwoNearestOfPacked(
+      functions, PackRows<uint8_t>(descriptors1), descriptors1.size,
+      PackColumns<int8_t>(descriptors2, RoundedValue,
+                          [&](size_t j) { return roundings[j].Factor(); }),
+      descriptors2.size);
+  Accepted decisions;
   const auto exact_dot = [&](int32_t i, int32_t j) {
     if (i == TwoNearest::kNone || j == TwoNearest::kNone) {
       return TwoNearest::kNone;
@@ -334,17 +364,67 @@ std::optional<RoughDecisions> DecideRoughly(DescriptorView descriptors1,
   for (size_t i = 0; i < descriptors1.size; ++i) {
     Bounds bounds = all;
     bounds.a = norms[i];
-    const int32_t j = rough_of_1[i].best_idx;
-    decisions.of_1[i] = Decide(
-        rough_of_1[i], exact_dot(static_cast<int32_t>(i), j), bounds, accepts);
+    const int32_t j = rough.of_1[i].best_idx;
+    decisions.of_1.push_back(Decide(
+        rough.of_1[i], exact_dot(static_cast<int32_t>(i), j), bounds, accepts));
   }
   for (size_t j = 0; j < descriptors2.size; ++j) {
     const Bounds bounds{all.a, roundings[j].m(), roundings[j].h};
-    const int32_t i = rough_of_2[j].best_idx;
-    decisions.of_2[j] = Decide(
-        rough_of_2[j], exact_dot(i, static_cast<int32_t>(j)), bounds, accepts);
+    const int32_t i = rough.of_2[j].best_idx;
+    decisions.of_2.push_back(Decide(
+        rough.of_2[j], exact_dot(i, static_cast<int32_t>(j)), bounds, accepts));
   }
   return decisions;
+}
+
+std::vector<int32_t> DecideExactly(const std::vector<TwoNearest>& nearest,
+                                   const AcceptanceTest& accepts) {
+  std::vector<int32_t> accepted;
+  for (const TwoNearest& two : nearest) {
+    const bool is_accepted = two.best_idx != TwoNearest::kNone &&
+                             accepts(two.best_dot, two.second_dot);
+    accepted.push_back(is_accepted ? two.best_idx : TwoNearest::kNone);
+  }
+  return accepted;
+}
+
+void SettleUnsure(DescriptorView descriptors, DescriptorView others,
+                  const AcceptanceTest& accepts,
+                  std::vector<int32_t>* decisions) {
+  std::vector<size_t> unsure;
+  std::vector<uint8_t> values;
+  for (size_t i = 0; i < decisions->size(); ++i) {
+    if ((*decisions)[i] != kUnsure) continue;
+    unsure.push_back(i);
+    values.insert(values.end(), descriptors.Row(i), descriptors.Row(i + 1));
+  }
+  if (unsure.empty()) return;
+  const auto exact =
+      DecideExactly(FindTwoNearest({values.data(), unsure.size()}, others,
+                                   InstructionSet::kAvx2)
+                        .of_1,
+                    accepts);
+  for (size_t k = 0; k < unsure.size(); ++k) {
+    (*decisions)[unsure[k]] = exact[k];
+  }
+}
+
+}  // namespace
+
+Accepted FindAccepted(DescriptorView descriptors1, DescriptorView descriptors2,
+                      InstructionSet set, const AcceptanceTest& accepts) {
+  auto decisions = DecideRoughly(descriptors1, descriptors2, set, accepts);
+  if (!decisions) {
+    const auto [of_1, of_2] = FindTwoNearest(descriptors1, descriptors2, set);
+    return {DecideExactly(of_1, accepts), DecideExactly(of_2, accepts)};
+  }
+  SettleUnsure(descriptors1, descriptors2, accepts, &decisions->of_1);
+  std::vector<int32_t> of_2(descriptors2.size, TwoNearest::kNone);
+  for (const int32_t j : decisions->of_1) {
+    if (j != TwoNearest::kNone) of_2[j] = decisions->of_2[j];
+  }
+  SettleUnsure(descriptors2, descriptors1, accepts, &of_2);
+  return {std::move(decisions->of_1), std::move(of_2)};
 }
 
 }  // namespace mgsfm
