@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "features/scale_space.h"
 
+#include <sys/mman.h>
+#include <unistd.h>
+
 #include <Eigen/LU>
 #include <array>
 #include <cmath>
@@ -23,9 +26,23 @@ constexpr double kMaxOffset = 1.5;  // beyond it the quadratic is invalid
 
 using DogTriple = std::array<const cv::Mat*, 3>;
 
+// An image of any values, in huge pages where the system has them: small ones
+// are made, and cleared, one by one as they are written first.
+cv::Mat NewImage(int rows, int cols) {
+  cv::Mat image(rows, cols, CV_32F);
+#if defined(MADV_HUGEPAGE)
+  uchar* const page =
+      cv::alignPtr(image.data, static_cast<int>(sysconf(_SC_PAGESIZE)));
+  if (page < image.dataend) {
+    madvise(page, image.dataend - page, MADV_HUGEPAGE);
+  }
+#endif
+  return image;
+}
+
 // Pixel 2 i is pixel i; pixels in between are the mean of their neighbors.
 cv::Mat DoubleSize(const cv::Mat& image) {
-  cv::Mat doubled(2 * image.rows, 2 * image.cols, CV_32F);
+  cv::Mat doubled = NewImage(2 * image.rows, 2 * image.cols);
   for (int y = 0; y < doubled.rows; ++y) {
     const float* above = image.ptr<float>(y / 2);
     const float* below =
@@ -42,7 +59,7 @@ cv::Mat DoubleSize(const cv::Mat& image) {
 }
 
 cv::Mat HalveSize(const cv::Mat& image) {
-  cv::Mat halved((image.rows + 1) / 2, (image.cols + 1) / 2, CV_32F);
+  cv::Mat halved = NewImage((image.rows + 1) / 2, (image.cols + 1) / 2);
   for (int y = 0; y < halved.rows; ++y) {
     const float* source = image.ptr<float>(2 * y);
     float* row = halved.ptr<float>(y);
@@ -54,7 +71,7 @@ cv::Mat HalveSize(const cv::Mat& image) {
 // Increases the blur from `sigma1` to `sigma2`.
 cv::Mat Blur(const cv::Mat& image, double sigma1, double sigma2) {
   const double sigma = std::sqrt(sigma2 * sigma2 - sigma1 * sigma1);
-  cv::Mat blurred;
+  cv::Mat blurred = NewImage(image.rows, image.cols);
   cv::GaussianBlur(image, blurred, cv::Size(), sigma, sigma,
                    cv::BORDER_REPLICATE);
   return blurred;
@@ -180,6 +197,7 @@ cv::Mat ProcessOctave(const cv::Mat& base, const SiftOptions& options,
   std::vector<cv::Mat>& levels = space->octaves.back().levels;
   std::array<cv::Mat, 3> dogs;
   levels.assign(resolution + 3, cv::Mat());
+  for (cv::Mat& dog : dogs) dog = NewImage(base.rows, base.cols);
   levels[0] = base;
   for (int k = 1; k < resolution + 3; ++k) {
     levels[k] = Blur(levels[k - 1], LevelSigma(k - 1, resolution),

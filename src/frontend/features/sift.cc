@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
+#include <numeric>
 #include <opencv2/core.hpp>
 #include <opencv2/core/hal/hal.hpp>
 #include <opencv2/imgproc.hpp>
@@ -237,15 +239,16 @@ void GradientDescriber::AppendRow(const cv::Mat& level,
   const float* below = level.ptr<float>(y + 1);
   const float dy = static_cast<float>(y) - point.y;
   const float row_weight = std::exp(factor * dy * dy);
-  float* out_dx = gradients_.dx.data() + gradients_.size;
-  float* out_dy = gradients_.dy.data() + gradients_.size;
-  float* out_weight = gradients_.weight.data() + gradients_.size;
   const float* weights = column_weights_.data() + (begin - first_column_);
-  for (int i = 0; i < end - begin; ++i) {
-    out_dx[i] = pixel[begin + i + 1] - pixel[begin + i - 1];
-    out_dy[i] = below[begin + i] - above[begin + i];
-    out_weight[i] = row_weight * weights[i];
-  }
+  const size_t size = gradients_.size;
+  // Compilers vectorize loops of few arrays only.
+  std::transform(pixel + begin + 1, pixel + end + 1, pixel + begin - 1,
+                 gradients_.dx.data() + size, std::minus<>());
+  std::transform(below + begin, below + end, above + begin,
+                 gradients_.dy.data() + size, std::minus<>());
+  std::transform(weights, weights + (end - begin),
+                 gradients_.weight.data() + size,
+                 [&](float weight) { return row_weight * weight; });
   gradients_.size += static_cast<size_t>(end - begin);
 }
 
@@ -438,13 +441,20 @@ Features ExtractSift(const GrayImage& image, const SiftOptions& options) {
 
   features.descriptors.resize(static_cast<Eigen::Index>(oriented.size()), 128);
   const float mean_scale = 0.5f * (prepared.scale_x + prepared.scale_y);
-  for (size_t i = 0; i < oriented.size(); ++i) {
+  // Neighbors in turn, so that their pixels are still in the cache.
+  std::vector<size_t> order(oriented.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::sort(order.begin(), order.end(), [&](size_t i, size_t j) {
+    return oriented[i].point < oriented[j].point;
+  });
+  features.keypoints.resize(oriented.size());
+  for (const size_t i : order) {
     const ScaleSpacePoint& point = *oriented[i].point;
     const Octave& octave = space.octaves[point.octave_idx];
-    features.keypoints.push_back(FeatureKeypoint::FromScale(
+    features.keypoints[i] = FeatureKeypoint::FromScale(
         (std::ldexp(point.x, octave.index) + 0.5f) * prepared.scale_x,
         (std::ldexp(point.y, octave.index) + 0.5f) * prepared.scale_y,
-        oriented[i].scale * mean_scale, oriented[i].orientation_rad));
+        oriented[i].scale * mean_scale, oriented[i].orientation_rad);
     RootNormalize(
         describer.Describe(octave.levels[point.level], point,
                            oriented[i].orientation_rad),
