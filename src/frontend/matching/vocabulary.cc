@@ -139,7 +139,9 @@ class VocabularyTrainer {
     for (int i = 0;; ++i) {
       const bool has_changed = Assign(clusters, i == 0);
       if (!has_changed || i == options_.num_iterations) break;
-      for (const Cluster& cluster : clusters) UpdateCenters(cluster);
+      ParallelFor(
+          clusters.size(), context_.num_threads,
+          [&](size_t k) { UpdateCenters(clusters[k]); }, 1);
       context_.CheckInterrupted();
     }
     std::vector<Cluster> children;
