@@ -154,8 +154,8 @@ TEST_F(GoingOnCommand, BadInputIsExitCode1AndWritesNothing) {
   ExpectRefused(Run("mapper", Path("in")), HasSubstr("SIMPLE_PINHOLE of 640"));
 }
 
-// The mapper chooses models for unknown lenses, so that a database does not have
-// those of the model that was made from it.
+// The mapper chooses models for unknown lenses, so that a database does not
+// have those of the model that was made from it.
 TEST_F(GoingOnCommand, UnknownLensesAreThoseOfTheModel) {
   const std::string database = Path("database.db");
   fs::copy(DemoDatabase(), database);
