@@ -358,6 +358,8 @@ Velocity Mean(const Velocity& a, const Velocity& b, const MotionNoise& noise) {
 
 // Places all frames of one sequence. A step is unknown if it is ambiguous, or
 // if it has no hypothesis and there is no sign that the true one was outvoted.
+// Before the first and after the last step with a hypothesis, no motion on
+// both sides contradicts the pairs.
 std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
                                          const Steps& steps,
                                          const Mask& is_doubtful,
@@ -389,7 +391,10 @@ std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
       next.Move(MotionOf(*velocity, durations[k]));
     } else {
       ++next.stretch;
-      if (is_doubtful[k]) ++next.num_ambiguous;
+      const bool is_enclosed = previous && following < chosen.size();
+      if (is_ambiguous[k] || (is_doubtful[k] && is_enclosed)) {
+        ++next.num_ambiguous;
+      }
     }
     places.push_back(next);
   }

@@ -313,7 +313,18 @@ void RejectObjects(const MotionProblem& problem, const RigPath& path,
   }
 }
 
-// The relative poses of pairs next to objects and of pairs within frames.
+// Whether the path determines the length of the baseline: its standard
+// deviation is within the tolerance of motions that agree.
+bool HasLength(const ExpectedPair& expected) {
+  const Vector3d& baseline = expected.cam2_from_cam1.translation;
+  return std::sqrt(std::max(
+             0.0, VarianceAlong(expected.covariance.bottomRightCorner<3, 3>(),
+                                baseline))) <=
+         kRelativeTolerance * baseline.norm();
+}
+
+// The relative poses of pairs next to objects whose length is known, and of
+// pairs within frames.
 std::vector<std::optional<Rigid3>> PosesNearObjects(
     const MotionProblem& problem, const RigPath& path,
     const std::vector<ExpectedPair>& expected) {
@@ -324,7 +335,7 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
                               problem.index.Of(i).frame_idx1, {});
   }
   for (const ExpectedPair& e : expected) {
-    if (IsContested(problem, path, e.pair_idx)) {
+    if (IsContested(problem, path, e.pair_idx) && HasLength(e)) {
       poses[e.pair_idx] = e.cam2_from_cam1;
     }
   }

@@ -283,6 +283,22 @@ TEST(MotionContinuityTest, EquallySmoothMotionsAreAmbiguous) {
   }
 }
 
+// A wrong measurement of the first step, near competing motions, leaves it
+// unknown, but no motion before it contradicts its pairs.
+TEST(MotionContinuityTest, TheFirstStepIsNotAmbiguousWithoutRivals) {
+  Drive drive(Straight);
+  drive.AddWorld(1, kNumFrames - 1, 0.6);
+  drive.AddObject(2, 8, Rigid3(), 0.3);
+  drive.AddObject(
+      0, 1,
+      Rigid3::FromRotationAndCenter(Quaterniond::Identity(), {0.0, 0.0, 8.0}),
+      0.05);
+  const RigPath path = drive.FindPath();
+  EXPECT_FALSE(drive.AreComparable(path, 0, 1));
+  EXPECT_FALSE(path.IsAmbiguousBetween(0, 1));
+  drive.ExpectTruth(path, 1, kNumFrames);
+}
+
 TEST(MotionContinuityTest, TheMotionThatGoesOnIsNotAmbiguous) {
   Drive drive(LeftTurn);
   drive.AddWorld(0, kNumFrames - 1, 0.45);
