@@ -3,7 +3,6 @@
 
 Opens the viewer, or writes a recording. Needs rerun-sdk 0.23 or later.
 """
-
 import sys
 from pathlib import Path
 
@@ -27,7 +26,7 @@ def is_nearly_pinhole(camera):
 
 
 def show(model, image_path=None):
-    """Cameras are children of the rig, which moves along a time line."""
+    """Cameras are children of the rig, which moves along a timeline."""
     frames = [model.frames[i] for i in sorted(model.frames)]
     path = [f.rig_from_world.inverse().translation for f in frames]
     rr.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
@@ -36,6 +35,8 @@ def show(model, image_path=None):
         model.points3D.xyz, colors=model.points3D.color), static=True)
     for rig in model.rigs.values():
         for camera_id, sensor_from_rig in rig.sensors.items():
+            if sensor_from_rig is None:
+                continue
             name = f"world/rig_{rig.rig_id}/camera_{camera_id}"
             camera = model.cameras[camera_id]
             log_pose(name, sensor_from_rig, static=True)

@@ -21,7 +21,7 @@ def placed(parent_from_child):
 
 
 def vertical_fov_rad(camera):
-    """At most 2, as a frustum cannot show the whole view of a fisheye."""
+    """At most 2, because no frustum shows the whole view of a fisheye."""
     x, y = 0.5 * camera.width, camera.height - 0.5
     top, bottom = camera.cam_ray_from_img([[x, 0.5], [x, y]])[:, 2]
     return float(np.nanmin([np.arccos(top) + np.arccos(bottom), 2.0]))

@@ -154,12 +154,12 @@ TEST_F(GoingOnCommand, BadInputIsExitCode1AndWritesNothing) {
   ExpectRefused(Run("mapper", Path("in")), HasSubstr("SIMPLE_PINHOLE of 640"));
 }
 
-// The mapper chooses models for unknown lenses, so that a database does not
-// have those of the model that was made from it.
+// The mapper chooses camera models for unknown lenses and those of EXIF, so the
+// model and the database that it was made from can differ.
 TEST_F(GoingOnCommand, UnknownLensesAreThoseOfTheModel) {
   const std::string database = Path("database.db");
   fs::copy(DemoDatabase(), database);
-  const auto set_cameras = [&](int prior_focal_length) {
+  const auto set_cameras = [&](int prior_focal_length, double k) {
     sqlite3* db = nullptr;
     ASSERT_EQ(sqlite3_open(database.c_str(), &db), SQLITE_OK);
     sqlite3_stmt* row = nullptr;
@@ -168,27 +168,32 @@ TEST_F(GoingOnCommand, UnknownLensesAreThoseOfTheModel) {
                                  "prior_focal_length = ?",
                                  -1, &row, nullptr),
               SQLITE_OK);
-    const std::array<double, 4> params{500.0, 320.0, 240.0, 0.0};
+    const std::array<double, 4> params{500.0, 320.0, 240.0, k};
     sqlite3_bind_blob(row, 1, params.data(), sizeof(params), SQLITE_STATIC);
     sqlite3_bind_int(row, 2, prior_focal_length);
     EXPECT_EQ(sqlite3_step(row), SQLITE_DONE);
     sqlite3_finalize(row);
     sqlite3_close(db);
   };
-  const std::string command = "mapper --database_path " + database +
-                              " --input_path " + First() + " --output_path " +
-                              Out();
-  set_cameras(1);
-  ExpectRefused(RunMgsfm(command), HasSubstr("SIMPLE_RADIAL of"));
-  set_cameras(0);
-  const CommandOutput output = RunMgsfm(command);
-  ASSERT_EQ(output.exit_code, 0) << output.err;
-  const Model model = ReadModel(Out() + "/0"), first = ReadModel(First());
-  ASSERT_EQ(model.cameras.size(), first.cameras.size());
-  for (size_t i = 0; i < model.cameras.size(); ++i) {
-    EXPECT_EQ(model.cameras[i].model, first.cameras[i].model);
+  const auto extend = [&](const std::string& output_path) {
+    return RunMgsfm("mapper --database_path " + database + " --input_path " +
+                    First() + " --output_path " + output_path);
+  };
+  set_cameras(1, 0.1);
+  ExpectRefused(extend(Out()), HasSubstr("SIMPLE_RADIAL of"));
+  const Model first = ReadModel(First());
+  for (const int prior_focal_length : {0, 1}) {
+    set_cameras(prior_focal_length, 0.0);
+    const std::string path = Out() + std::to_string(prior_focal_length);
+    const CommandOutput output = extend(path);
+    ASSERT_EQ(output.exit_code, 0) << output.err;
+    const Model model = ReadModel(path + "/0");
+    ASSERT_EQ(model.cameras.size(), first.cameras.size());
+    for (size_t i = 0; i < model.cameras.size(); ++i) {
+      EXPECT_EQ(model.cameras[i].model, first.cameras[i].model);
+    }
+    EXPECT_EQ(model.poses.images.size(), 24u * 4u);
   }
-  EXPECT_EQ(model.poses.images.size(), 24u * 4u);
 }
 
 TEST_F(GoingOnCommand, PointsAreTriangulatedAndPosesHeld) {

@@ -10,6 +10,7 @@
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/simulator/simulation.h"
+#include "scene/intrinsics_check.h"
 #include "support/threads.h"
 
 namespace mgsfm {

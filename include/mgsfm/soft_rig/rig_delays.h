@@ -17,8 +17,8 @@ struct CameraDelay {
   double delay = 0.0;  // positive: triggers after the reference
   double sigma = 0.0;
   // Whether the delay is significant: chance exceeds it in 1 of 10,000 cameras,
-  // and the delays of all cameras move keypoints by more than a tenth of their
-  // noise.
+  // and the delays of all cameras together move keypoints by more than a tenth
+  // of their noise (root mean square).
   bool is_certain = false;
   // The variance of the sensor pose from the scatter between blocks of frames,
   // divided by the variance for independent residuals.

@@ -14,6 +14,7 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "scene/intrinsics_check.h"
 
 namespace mgsfm {
 namespace {
@@ -331,13 +332,6 @@ void StateInitialFocalLengths(const Scene& scene,
   for (FocalLengthCheck& check : *checks) {
     check.prior_px = FirstFocalLength(scene.cameras[check.camera_idx]);
   }
-}
-
-bool HasLensOfExif(const Camera& camera) {
-  return camera.has_prior_focal_length &&
-         camera.model == CameraModelId::kSimpleRadial &&
-         camera.params[1] == 0.5 * camera.width_px &&
-         camera.params[2] == 0.5 * camera.height_px && camera.params[3] == 0.0;
 }
 
 std::vector<Camera> WithoutExif(std::vector<Camera> cameras) {

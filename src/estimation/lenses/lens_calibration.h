@@ -54,10 +54,6 @@ struct LensResult {
   LensSummary summary;
 };
 
-// Whether the focal length comes from EXIF. Feature extraction then knows the
-// focal length, but neither distortion nor principal point.
-[[nodiscard]] bool HasLensOfExif(const Camera& camera);
-
 // The cameras, with lenses from EXIF marked as unknown.
 [[nodiscard]] std::vector<Camera> WithoutExif(std::vector<Camera> cameras);
 

@@ -215,8 +215,10 @@ class MotionSearch {
     return margins;
   }
 
-  // Whether a candidate of step k is another motion than the chosen one. It is
-  // the same with another distance if its matches leave its distance open.
+  // Whether a candidate of step k is another motion than the chosen one. A
+  // direction without a distance is the same motion if it agrees with the
+  // chosen one at the closest distance, unless its matches contradict the
+  // chosen distance. Without `compare`, they always do.
   bool IsAnother(const ChosenMotion& chosen, size_t k,
                  const Candidate& candidate, const Node& node) const {
     if (AreSimilar(chosen.velocity, node.velocity)) return false;
@@ -358,8 +360,8 @@ Velocity Mean(const Velocity& a, const Velocity& b, const MotionNoise& noise) {
 
 // Places all frames of one sequence. A step is unknown if it is ambiguous, or
 // if it has no hypothesis and there is no sign that the true one was outvoted.
-// Before the first and after the last step with a hypothesis, no motion on
-// both sides contradicts the pairs.
+// Steps before the first hypothesis and after the last one are not ambiguous:
+// no motions on both sides of them contradict the pairs.
 std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
                                          const Steps& steps,
                                          const Mask& is_doubtful,

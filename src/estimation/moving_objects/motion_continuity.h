@@ -108,10 +108,10 @@ struct RigPath {
 // The *margin* of a step is the rise of the total cost if another motion is
 // chosen there, which differs by more than kDistinct tolerances, and all other
 // steps are chosen anew. Costs are negative logarithms of probabilities, so
-// exp(-margin) is the ratio of the two probabilities. A motion with another
-// distance is the same one if its matches leave the distance open. If no motion
-// is chosen, any motion is another one; without another motion, the margin is
-// infinite.
+// exp(-margin) is the ratio of the two probabilities. A candidate that differs
+// from the chosen motion only in its distance is no other motion if its matches
+// leave the distance open. If no motion is chosen, any motion is another one;
+// without another motion, the margin is infinite.
 // The velocity of a free distance that is not tried depends on the steps
 // before, for which the margin is an approximation.
 //

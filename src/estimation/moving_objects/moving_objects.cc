@@ -323,8 +323,8 @@ bool HasLength(const ExpectedPair& expected) {
          kRelativeTolerance * baseline.norm();
 }
 
-// The relative poses of pairs next to objects whose length is known, and of
-// pairs within frames.
+// The relative poses of pairs next to objects whose baseline has a known
+// length, and of pairs within frames.
 std::vector<std::optional<Rigid3>> PosesNearObjects(
     const MotionProblem& problem, const RigPath& path,
     const std::vector<ExpectedPair>& expected) {

@@ -28,9 +28,9 @@ struct MotionOfScene {
   // Per pair: its matches on the static scene and the relative pose that they
   // imply, if both are known.
   std::vector<std::optional<ImagePair>> pair_of_scene;
-  // cam2_from_cam1 on the path, for pairs near an object whose length the path
-  // determines, and the relative poses of pairs within frames, in one unit of
-  // length.
+  // cam2_from_cam1 on the path for pairs near an object, if the path determines
+  // the length of the baseline, and the relative poses of pairs within frames,
+  // in one unit of length.
   std::vector<std::optional<Rigid3>> pair_on_path;
   // Per frame: whether the motion from or to it is unknown, because an object
   // explains it as well as the static scene.

@@ -44,7 +44,7 @@ struct EstimatedRotations {
 //
 //   skeletal graph -> average its pairs -> reject pairs beyond its drift bound
 //   -> average the others, from the rotations of the skeletal graph
-//   -> reject loop pairs that turn a step or join parts without support
+//   -> reject loop pairs that join parts without support
 //   -> average again, until there are none
 //   -> reject other unsupported bridges -> number components.
 //

@@ -266,8 +266,12 @@ void Summarize(const TimingRun& run, const Scene& seen, const TimedRig& rig,
   }
 }
 
-// Whether two motions of the images move keypoints apart by more than a tenth
-// of their noise.
+// The displacement of keypoints that counts, in deviations of their noise: 1 %
+// of the variance of residuals.
+constexpr double kMinDisplacement = 0.1;
+
+// Whether two motions of the images move keypoints apart by more than this
+// (root mean square).
 bool AreVisiblyDifferent(const Scene& scene, const Reconstruction& model,
                          const std::vector<RigMotion>& motions1,
                          const std::vector<RigMotion>& motions2,
@@ -291,7 +295,8 @@ bool AreVisiblyDifferent(const Scene& scene, const Reconstruction& model,
   }
   const double noise_px = std::max(
       kMinKeypointSigmaPx, NoiseSigmaPx(scene, model, context.num_threads));
-  return squares > count * 0.01 * noise_px * noise_px;
+  const double least_px = kMinDisplacement * noise_px;
+  return squares > count * least_px * least_px;
 }
 
 }  // namespace
@@ -332,7 +337,7 @@ bool TimesMatter(const Scene& scene, const CaptureTimes& times,
                  const Reconstruction& model, const Context& context) {
   const std::vector<double> no_delays(scene.sensors.size(), 0.0);
   return AreVisiblyDifferent(
-      scene, model, {},
+      scene, model, model.motions,
       FindImageMotions(scene, times, no_delays, model).since_frame, context);
 }
 

@@ -61,7 +61,8 @@ struct RigTimingInput {
 bool TimesMatter(const Scene& scene, const CaptureTimes& times,
                  const Reconstruction& model, const Context& context);
 
-// The same for delays of sensors.
+// Whether delays of sensors move keypoints by more than a tenth of their noise
+// (root mean square).
 bool DelaysMatter(const Scene& scene, const CaptureTimes& times,
                   const std::vector<double>& delays,
                   const Reconstruction& model, const Context& context);

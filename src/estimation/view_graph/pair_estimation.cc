@@ -31,6 +31,8 @@ constexpr double kInitialLossScale = 0.25;
 // parallax: the ratio of the medians of the norm of two normal variables (1.18)
 // and of one (0.67). A larger ratio means that parallax biases the rotation.
 constexpr double kMaxMedianRatio = 2.5;
+// A rotation and a direction have five unknowns.
+constexpr size_t kMinNumMatchesOfPose = 5;
 
 bool IsSet(const std::optional<Eigen::Matrix3d>& matrix) {
   return matrix && matrix->allFinite() && matrix->norm() > 0.0;
@@ -290,7 +292,7 @@ class PairEstimator {
         inliers.Add(matched_.rays.rays1[i], matched_.rays.rays2[i]);
       }
     }
-    if (inliers.size() < 5) return std::nullopt;
+    if (inliers.size() < kMinNumMatchesOfPose) return std::nullopt;
     Rigid3 pose = WithDirection(start, inliers, max_error_);
     PoseRefinementOptions refinement = FirstRefinement(max_error_);
     RefineRelativePose(inliers, refinement, &pose);

@@ -117,7 +117,7 @@ std::optional<Rigid3> PlanarTwin(const RayMatches& matches,
     const Rigid3& other = motion.cam2_from_cam1;
     if (other.rotation.angularDistance(R) <= max_error_rad) continue;
     const double cost = ScoreRelativePose(matches, other, max_error_rad).cost;
-    if (!(cost < least)) continue;
+    if (!(cost < least)) continue;  // or not a number
     least = cost;
     twin = {other.rotation, other.translation.normalized()};
   }

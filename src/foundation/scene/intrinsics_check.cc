@@ -191,4 +191,11 @@ std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera) {
   return {{DescribeWithoutRay(camera, share), false, false}};
 }
 
+bool HasLensOfExif(const Camera& camera) {
+  return camera.has_prior_focal_length &&
+         camera.model == CameraModelId::kSimpleRadial &&
+         camera.params[1] == 0.5 * camera.width_px &&
+         camera.params[2] == 0.5 * camera.height_px && camera.params[3] == 0.0;
+}
+
 }  // namespace mgsfm

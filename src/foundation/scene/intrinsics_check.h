@@ -24,4 +24,8 @@ struct IntrinsicsProblem {
 // WhyImplausible).
 std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera);
 
+// Whether the focal length comes from EXIF. Feature extraction then knows the
+// focal length, but neither distortion nor principal point.
+[[nodiscard]] bool HasLensOfExif(const Camera& camera);
+
 }  // namespace mgsfm

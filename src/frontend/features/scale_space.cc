@@ -26,8 +26,8 @@ constexpr double kMaxOffset = 1.5;  // beyond it the quadratic is invalid
 
 using DogTriple = std::array<const cv::Mat*, 3>;
 
-// An image of any values, in huge pages where the system has them: small ones
-// are made, and cleared, one by one as they are written first.
+// An uninitialized image, in huge pages where the system has them. The system
+// maps and clears small pages one by one at their first write.
 cv::Mat NewImage(int rows, int cols) {
   cv::Mat image(rows, cols, CV_32F);
 #if defined(MADV_HUGEPAGE)

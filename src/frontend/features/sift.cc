@@ -241,7 +241,7 @@ void GradientDescriber::AppendRow(const cv::Mat& level,
   const float row_weight = std::exp(factor * dy * dy);
   const float* weights = column_weights_.data() + (begin - first_column_);
   const size_t size = gradients_.size;
-  // Compilers vectorize loops of few arrays only.
+  // One loop per array: compilers vectorize only loops over few arrays.
   std::transform(pixel + begin + 1, pixel + end + 1, pixel + begin - 1,
                  gradients_.dx.data() + size, std::minus<>());
   std::transform(below + begin, below + end, above + begin,
@@ -441,7 +441,8 @@ Features ExtractSift(const GrayImage& image, const SiftOptions& options) {
 
   features.descriptors.resize(static_cast<Eigen::Index>(oriented.size()), 128);
   const float mean_scale = 0.5f * (prepared.scale_x + prepared.scale_y);
-  // Neighbors in turn, so that their pixels are still in the cache.
+  // In the order of the image, so that the pixels of neighbors are still in the
+  // cache.
   std::vector<size_t> order(oriented.size());
   std::iota(order.begin(), order.end(), size_t{0});
   std::sort(order.begin(), order.end(), [&](size_t i, size_t j) {

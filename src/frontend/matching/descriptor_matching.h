@@ -27,7 +27,7 @@ struct DescriptorView {
 //   d(i, j) <= max_distance  and  d(i, j) < max_ratio d(i, second nearest);
 // with cross_check, j must also accept i. Ties go to the smaller index.
 //
-// Cost: 128 |1| |2| integer multiplications; one pass serves both directions.
+// Cost: 128 |1| |2| multiplications; one pass serves both directions.
 // The matches are the same for all instruction sets of the processor.
 [[nodiscard]] std::vector<Match> MatchDescriptors(
     DescriptorView descriptors1, DescriptorView descriptors2,

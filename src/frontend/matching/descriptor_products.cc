@@ -14,10 +14,8 @@ namespace mgsfm {
 namespace {
 
 using Four = float __attribute__((vector_size(16)));
-using Eight = float __attribute__((vector_size(32)));
 
-// Rows whose sums stay in 8 of the 16 registers of AVX2 or SSE2.
-constexpr int kAvx2Rows = 4;
+// Rows whose sums stay in 8 of 16 registers.
 constexpr int kPortableRows = 2;
 
 // In vector registers; compilers do not vectorize these loops over numbers.
@@ -49,11 +47,6 @@ void MultiplyPortable(const float* rows, const float* columns, int32_t* tile) {
   MultiplyFloats<Four, kPortableRows>(rows, columns, tile);
 }
 
-MGSFM_TARGET_AVX2 void MultiplyAvx2(const float* rows, const float* columns,
-                                    int32_t* tile) {
-  MultiplyFloats<Eight, kAvx2Rows>(rows, columns, tile);
-}
-
 // Free of branches, so that compilers vectorize the inner loop.
 MGSFM_ALWAYS_INLINE void UpdateTopTwo(const int32_t* __restrict tile,
                                       int first_row, int block,
@@ -83,6 +76,16 @@ void UpdatePortable(const int32_t* tile, int first_row, int block,
 }
 
 #if defined(__x86_64__)
+
+using Eight = float __attribute__((vector_size(32)));
+
+// Rows whose sums stay in 8 of the 16 registers.
+constexpr int kAvx2Rows = 4;
+
+MGSFM_TARGET_AVX2 void MultiplyAvx2(const float* rows, const float* columns,
+                                    int32_t* tile) {
+  MultiplyFloats<Eight, kAvx2Rows>(rows, columns, tile);
+}
 
 // One group of dimensions.
 int32_t LoadGroup(const void* values) {

@@ -36,7 +36,8 @@ template <class Row, class Column>
 struct TileFunctions {
   static constexpr size_t kGroupSize = sizeof(int32_t) / sizeof(Column);
   static constexpr size_t kNumValues = size_t{kTileColumns} * kNumDims;
-  // Elements per block; a block of bytes ends with one number per column.
+  // Elements per block; a block of bytes ends with a 32-bit number per
+  // column.
   static constexpr size_t kBlockSize =
       kNumValues + (kGroupSize == 4 ? kTileColumns * sizeof(int32_t) : 0);
 
@@ -71,8 +72,9 @@ enum class InstructionSet { kPortable, kAvx2, kAvx512Vnni };
 std::vector<InstructionSet> InstructionSets();
 InstructionSet FastestInstructionSet();
 
-// Null pointers if a set has no such kernels. With AVX2, rough products take a
-// third of the time of floats; with AVX-512 VNNI, bytes half of that.
+// The kernels of a set; `floats` always exist, the others are null pointers if
+// a set lacks them. With AVX2, rough products take a third of the time of
+// floats.
 struct TileKernels {
   FloatTileFunctions floats;
   ByteTileFunctions bytes;

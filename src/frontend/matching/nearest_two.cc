@@ -17,6 +17,8 @@ constexpr int kCellBlocks = kMaxNumPositions;
 // Size of the rows that are multiplied with one block of columns, of at most
 // 8 KiB, while both are in the L1 cache of usually 32 KiB.
 constexpr int kPanelBytes = 16 << 10;
+// Maps bytes to signed bytes.
+constexpr int kByteOffset = 128;
 
 void Enter(int32_t dot, int32_t idx, TwoNearest* nearest) {
   if (dot > nearest->best_dot ||
@@ -160,9 +162,9 @@ TwoNearestOfPair FindTwoNearestOfPacked(
   return nearest;
 }
 
-// Contiguous rows less `offset`, padded with zeros to whole tiles. The memory,
-// of 16 MiB at most by default, is reused by the next call in this thread: new
-// memory would take a tenth of the time.
+// Contiguous rows less `offset`, padded with zeros to whole tiles. The next
+// call in this thread reuses the memory, of at most 16 MiB by default;
+// allocating it anew would take a tenth of the time of a search.
 template <class Row>
 const std::vector<Row>& PackRows(DescriptorView descriptors, int offset = 0) {
   const size_t num_tiles = (descriptors.size + kTileRows - 1) / kTileRows;
@@ -175,8 +177,8 @@ const std::vector<Row>& PackRows(DescriptorView descriptors, int offset = 0) {
   return rows;
 }
 
-// Columns in blocks, padded in the same way, of values value(element); a block
-// of bytes ends with number(column).
+// Columns in blocks of value(element), padded to whole blocks with zeros. A
+// block of bytes ends with number(column) for each column.
 template <class Column, class Value, class Number>
 const std::vector<Column>& PackColumns(DescriptorView descriptors,
                                        const Value& value,
@@ -214,13 +216,14 @@ TwoNearestOfPair FindTwoNearest(DescriptorView descriptors1,
   const TileKernels kernels = KernelsOf(set);
   const auto same = [](uint8_t value) { return value; };
   const auto offset = [&](size_t j) {
-    return 128 *
+    return kByteOffset *
            std::accumulate(descriptors2.Row(j), descriptors2.Row(j + 1), 0);
   };
   if (kernels.bytes.multiply != nullptr) {
     return FindTwoNearestOfPacked(
-        kernels.bytes, PackRows<int8_t>(descriptors1, 128), descriptors1.size,
-        PackColumns<uint8_t>(descriptors2, same, offset), descriptors2.size);
+        kernels.bytes, PackRows<int8_t>(descriptors1, kByteOffset),
+        descriptors1.size, PackColumns<uint8_t>(descriptors2, same, offset),
+        descriptors2.size);
   }
   return FindTwoNearestOfPacked(
       kernels.floats, PackRows<float>(descriptors1), descriptors1.size,
@@ -389,7 +392,7 @@ std::vector<int32_t> DecideExactly(const std::vector<TwoNearest>& nearest,
 }
 
 void SettleUnsure(DescriptorView descriptors, DescriptorView others,
-                  const AcceptanceTest& accepts,
+                  InstructionSet set, const AcceptanceTest& accepts,
                   std::vector<int32_t>* decisions) {
   std::vector<size_t> unsure;
   std::vector<uint8_t> values;
@@ -399,11 +402,9 @@ void SettleUnsure(DescriptorView descriptors, DescriptorView others,
     values.insert(values.end(), descriptors.Row(i), descriptors.Row(i + 1));
   }
   if (unsure.empty()) return;
-  const auto exact =
-      DecideExactly(FindTwoNearest({values.data(), unsure.size()}, others,
-                                   InstructionSet::kAvx2)
-                        .of_1,
-                    accepts);
+  const auto exact = DecideExactly(
+      FindTwoNearest({values.data(), unsure.size()}, others, set).of_1,
+      accepts);
   for (size_t k = 0; k < unsure.size(); ++k) {
     (*decisions)[unsure[k]] = exact[k];
   }
@@ -418,12 +419,12 @@ Accepted FindAccepted(DescriptorView descriptors1, DescriptorView descriptors2,
     const auto [of_1, of_2] = FindTwoNearest(descriptors1, descriptors2, set);
     return {DecideExactly(of_1, accepts), DecideExactly(of_2, accepts)};
   }
-  SettleUnsure(descriptors1, descriptors2, accepts, &decisions->of_1);
+  SettleUnsure(descriptors1, descriptors2, set, accepts, &decisions->of_1);
   std::vector<int32_t> of_2(descriptors2.size, TwoNearest::kNone);
   for (const int32_t j : decisions->of_1) {
     if (j != TwoNearest::kNone) of_2[j] = decisions->of_2[j];
   }
-  SettleUnsure(descriptors2, descriptors1, accepts, &of_2);
+  SettleUnsure(descriptors2, descriptors1, set, accepts, &of_2);
   return {std::move(decisions->of_1), std::move(of_2)};
 }
 

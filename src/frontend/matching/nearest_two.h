@@ -26,9 +26,9 @@ struct TwoNearestOfPair {
   std::vector<TwoNearest> of_2;
 };
 
-// Exact two nearest neighbors of all descriptors of both images: all dot
-// products in integer arithmetic, 128 |1| |2| multiplications. They are
-// computed in tiles that stay in registers and cache and serve both directions.
+// The exact two nearest neighbors of all descriptors of both images, by all dot
+// products: 128 |1| |2| multiplications. Products are computed in tiles that
+// stay in registers and cache and serve both directions.
 // The result is the same for all instruction sets.
 TwoNearestOfPair FindTwoNearest(DescriptorView descriptors1,
                                 DescriptorView descriptors2,
@@ -41,13 +41,14 @@ using AcceptanceTest = std::function<bool(int32_t best_dot, double second_dot)>;
 // The descriptors of the other image that descriptors accept, or kNone.
 struct Accepted {
   std::vector<int32_t> of_1;
-  std::vector<int32_t> of_2;  // may lack those that none of image 1 accepts
+  // kNone is also possible if no descriptor of image 1 accepts one.
+  std::vector<int32_t> of_2;
 };
 
-// The same for all instruction sets. With AVX2, and norms of SIFT, so that
-// 16-bit sums cannot overflow, decides most descriptors by dot products of
-// descriptors a of image 1 with descriptors b of image 2 rounded to multiples
-// of about 4. This takes a third of the time of exact products. Write
+// The result is the same for all instruction sets. With AVX2, and norms of
+// SIFT, with which 16-bit sums cannot overflow, most decisions use dot products
+// of descriptors a of image 1 with descriptors b of image 2 rounded to
+// multiples of about 4. This takes a third of the time of exact products. Write
 // b = s c + h with c the rounded descriptor and s = b.c / c.c, so that h is
 // orthogonal to c. With m = s |c| and y = s a.c, only the component of a
 // orthogonal to c contributes to a.h:

@@ -12,6 +12,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "models/model_checks.h"
+#include "scene/intrinsics_check.h"
 #include "scene/item_lists.h"
 
 namespace mgsfm {
@@ -120,7 +121,8 @@ void ModelPlacer::TakeCameras() {
     const Camera& camera =
         model_.cameras[camera_of_id.at(model_.poses.images[i].camera_id)];
     Camera& in_scene = scene_.cameras[image.camera_idx];
-    const bool is_known = in_scene.has_prior_focal_length;
+    const bool is_known =
+        in_scene.has_prior_focal_length && !HasLensOfExif(in_scene);
     if ((is_known && camera.model != in_scene.model) ||
         camera.width_px != in_scene.width_px ||
         camera.height_px != in_scene.height_px) {

@@ -32,8 +32,8 @@ struct PlacedModel {
 //
 // Throws Error, naming model, image and remedy, if
 // - the scene lacks an image of the model, or all of them,
-// - an image has another size there, or another camera model although its
-//   focal length is known,
+// - an image has another size there, or another camera model although its lens
+//   is known,
 // - with `with_points`: the model has no points, or an observation is not the
 //   keypoint of the scene that it should be, to one pixel,
 // - images of one frame of the model are in several frames of the scene,

@@ -283,8 +283,9 @@ TEST(MotionContinuityTest, EquallySmoothMotionsAreAmbiguous) {
   }
 }
 
-// A wrong measurement of the first step, near competing motions, leaves it
-// unknown, but no motion before it contradicts its pairs.
+// A wrong measurement of the first step, near competing motions, leaves the
+// step unknown. It is not ambiguous, because no motion before it contradicts
+// its pairs.
 TEST(MotionContinuityTest, TheFirstStepIsNotAmbiguousWithoutRivals) {
   Drive drive(Straight);
   drive.AddWorld(1, kNumFrames - 1, 0.6);

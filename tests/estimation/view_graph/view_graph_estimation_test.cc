@@ -309,8 +309,8 @@ TEST(ViewGraphEstimationTest, DropsUnusablePairs) {
   EXPECT_LE(CompareWithTruth(simulation, result).rotation_deg, 1e-3);
 }
 
-// Matches on a line leave their plane open, so that none may agree with its
-// second pose.
+// Matches on a line do not determine a plane, so its second pose may agree with
+// none of them.
 TEST(ViewGraphEstimationTest, PairsOfFewOrCollinearMatchesAreNoError) {
   Random random(3);
   ViewGraphOptions options;
