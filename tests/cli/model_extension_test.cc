@@ -165,10 +165,10 @@ TEST_F(GoingOnCommand, UnknownLensesAreThoseOfTheModel) {
     sqlite3_stmt* row = nullptr;
     ASSERT_EQ(sqlite3_prepare_v2(db,
                                  "UPDATE cameras SET model = 2, params = ?, "
-                                 "prior_focal_length = ?",
+                                 "prior_focal_length = ? WHERE width = 1226",
                                  -1, &row, nullptr),
               SQLITE_OK);
-    const std::array<double, 4> params{500.0, 320.0, 240.0, k};
+    const std::array<double, 4> params{500.0, 613.0, 185.0, k};
     sqlite3_bind_blob(row, 1, params.data(), sizeof(params), SQLITE_STATIC);
     sqlite3_bind_int(row, 2, prior_focal_length);
     EXPECT_EQ(sqlite3_step(row), SQLITE_DONE);

@@ -91,14 +91,14 @@ void ModelPlacer::MatchImages() {
   const auto image_idx_of_name = IndexByName(scene_.images);
   cam_from_world_.resize(scene_.images.size());
   const std::string* missing = nullptr;
-  for (size_t i = 0; i < images.size(); ++i) {
-    const auto found = image_idx_of_name.find(images[i].name);
+  for (const ModelImage& image : images) {
+    const auto found = image_idx_of_name.find(image.name);
     if (found == image_idx_of_name.end()) {
-      if (missing == nullptr) missing = &images[i].name;
+      if (missing == nullptr) missing = &image.name;
       continue;
     }
     image_idx_of_.push_back(found->second);
-    cam_from_world_[found->second] = images[i].cam_from_world;
+    cam_from_world_[found->second] = image.cam_from_world;
   }
   if (image_idx_of_.empty()) {
     ThrowModelError(folder_, "none of its images, as '" + *missing +
