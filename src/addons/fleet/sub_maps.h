@@ -62,8 +62,7 @@ struct SubMapEdge {
 };
 
 struct JoinedMaps {
-  // In descending order of their numbers of frames. SortFrames() has ordered
-  // the frames of each.
+  // The largest model comes first. SortFrames() has ordered the frames of each.
   std::vector<SceneModel> models;
   std::vector<std::vector<int>> sub_maps;  // per model, ascending
   std::vector<SubMapEdge> edges;

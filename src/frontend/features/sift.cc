@@ -441,7 +441,7 @@ Features ExtractSift(const GrayImage& image, const SiftOptions& options) {
 
   features.descriptors.resize(static_cast<Eigen::Index>(oriented.size()), 128);
   const float mean_scale = 0.5f * (prepared.scale_x + prepared.scale_y);
-  // In the order of the image, so that the pixels of neighbors are still in the
+  // Points in the order of the image find the pixels of their neighbors in the
   // cache.
   std::vector<size_t> order(oriented.size());
   std::iota(order.begin(), order.end(), size_t{0});

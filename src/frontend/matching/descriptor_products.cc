@@ -18,7 +18,8 @@ using Four = float __attribute__((vector_size(16)));
 // Rows whose sums stay in 8 of 16 registers.
 constexpr int kPortableRows = 2;
 
-// In vector registers; compilers do not vectorize these loops over numbers.
+// The sums are vectors, because compilers do not vectorize loops over numbers
+// here.
 template <class Vector, int kNumRows>
 MGSFM_ALWAYS_INLINE void MultiplyFloats(const float* rows, const float* columns,
                                         int32_t* tile) {

@@ -67,7 +67,7 @@ std::vector<Match> BruteForce(DescriptorView a, DescriptorView b,
   return matches;
 }
 
-// With all instruction sets of this processor.
+// All instruction sets of this processor give these matches.
 void ExpectBruteForce(const TestDescriptors& a, const TestDescriptors& b,
                       const DescriptorMatchingOptions& options) {
   const auto expected = BruteForce(a.View(), b.View(), options);
