@@ -13,6 +13,7 @@
 #include "input_check/focal_lengths.h"
 #include "input_check/image_sizes.h"
 #include "input_check/kept_matches.h"
+#include "input_check/resting_rigs.h"
 #include "input_check/rig_checks.h"
 #include "input_check/rig_samples.h"
 #include "mapper/run_summary.h"
@@ -353,6 +354,10 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
     const MapperModel& model = result->models[m];
     Append(DescribeRigDifferences(scene, m, model.reconstruction,
                                   model.rig_differences),
+           &causes);
+    if (model.bundle.rounds.empty()) continue;
+    Append(FindRestingRig(scene, m, model.reconstruction,
+                          model.bundle.rounds.back().max_error_px),
            &causes);
   }
   std::vector<Finding> of_unit =

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "input_check/resting_rigs.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+#include <vector>
+
+#include "estimation/input_check/sound_drive.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+
+constexpr double kMaxErrorPx = 2.0;
+
+std::vector<Finding> Find(const Simulation& drive) {
+  return FindRestingRig(drive.scene, 0, drive.ground_truth, kMaxErrorPx);
+}
+
+// From frame `first_frame_idx` on, each image shows the points of its track
+// where the first image of its camera shows them.
+void Rest(int first_frame_idx, Simulation* drive) {
+  for (const Point3D& point : drive->ground_truth.points) {
+    std::map<int, Eigen::Vector2f> first_of_sensor;
+    for (const Observation& observation : point.track) {
+      Image& image = drive->scene.images[observation.image_idx];
+      if (image.frame_idx < first_frame_idx) continue;
+      Eigen::Vector2f& keypoint = image.keypoints_px[observation.keypoint_idx];
+      keypoint =
+          first_of_sensor.emplace(image.sensor_idx, keypoint).first->second;
+    }
+  }
+}
+
+TEST(RestingRigsTest, AMovingRigIsNoFinding) {
+  for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kCube6}) {
+    EXPECT_THAT(Find(SoundDrive(rig)), IsEmpty());
+  }
+}
+
+TEST(RestingRigsTest, ARigThatStandsIsNamed) {
+  Simulation drive = SoundDrive();
+  Rest(0, &drive);
+  EXPECT_THAT(CausesOf(Find(drive)), ElementsAre(Cause::kRestingRig));
+}
+
+// At a traffic light, say.
+TEST(RestingRigsTest, ARigThatDrivesBeforeItStandsIsNoFinding) {
+  Simulation drive = SoundDrive();
+  Rest(20, &drive);
+  EXPECT_THAT(Find(drive), IsEmpty());
+}
+
+TEST(RestingRigsTest, AnEmptyModelIsNoFinding) {
+  Simulation drive = SoundDrive();
+  drive.ground_truth.points.clear();
+  EXPECT_THAT(Find(drive), IsEmpty());
+}
+
+}  // namespace
+}  // namespace mgsfm
