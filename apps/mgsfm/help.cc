@@ -121,7 +121,6 @@ const Table& NeedlessOptions() {
       {"first_octave", "leave it out: images are not enlarged"},
       {"gpu_index", kNoGpu},
       {"gradient_tolerance", kCriteria},
-      {"guided_matching", "leave it out: matching is not repeated"},
       {"init_", kGlobal},
       {"local_ba_", kGlobal},
       {"log_to_stderr", "leave it out: messages go to the error stream"},

@@ -12,7 +12,7 @@ namespace mgsfm {
 
 // ------------------------------------------------- matching and verification
 
-// Names and defaults are COLMAP's.
+// Names are COLMAP's, and defaults but that of guided_matching.
 struct DescriptorMatchingOptions {
   Option<double> max_ratio{
       "max_ratio", 0.8, GreaterThan(0.0),
@@ -28,10 +28,16 @@ struct DescriptorMatchingOptions {
       "max_num_matches", 32768, AtLeast(1), "features",
       "Match at most this many features per image; the features after these in "
       "the database are ignored."};
+  Option<bool> guided_matching{
+      "guided_matching", true,
+      "Match the keypoints of the largest scales first; if they show the "
+      "motion "
+      "of the pair, compare the others only near their epipolar lines."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(max_ratio, max_distance, cross_check, max_num_matches);
+    visit(max_ratio, max_distance, cross_check, max_num_matches,
+          guided_matching);
   }
 };
 

@@ -37,12 +37,13 @@ class Acceptance {
 std::vector<Match> MatchDescriptors(DescriptorView descriptors1,
                                     DescriptorView descriptors2,
                                     const DescriptorMatchingOptions& options,
-                                    InstructionSet set) {
+                                    InstructionSet set,
+                                    const TileSelection* tiles) {
   const auto max_size = static_cast<size_t>(options.max_num_matches);
   descriptors1.size = std::min(descriptors1.size, max_size);
   descriptors2.size = std::min(descriptors2.size, max_size);
   const Accepted accepted =
-      FindAccepted(descriptors1, descriptors2, set, Acceptance(options));
+      FindAccepted(descriptors1, descriptors2, set, Acceptance(options), tiles);
   std::vector<Match> matches;
   for (size_t i = 0; i < accepted.of_1.size(); ++i) {
     const int32_t j = accepted.of_1[i];

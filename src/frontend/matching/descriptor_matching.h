@@ -11,6 +11,8 @@
 
 namespace mgsfm {
 
+class TileSelection;
+
 // SIFT descriptors of an image in COLMAP's format: rows of 128 bytes whose
 // Euclidean norm is about 512. Does not own the data.
 struct DescriptorView {
@@ -27,11 +29,14 @@ struct DescriptorView {
 //   d(i, j) <= max_distance  and  d(i, j) < max_ratio d(i, second nearest);
 // with cross_check, j must also accept i. Ties go to the smaller index.
 //
+// With `tiles`, only neighbors in selected tiles are compared.
+//
 // Cost: 128 |1| |2| multiplications; one pass serves both directions.
 // The matches are the same for all instruction sets of the processor.
 [[nodiscard]] std::vector<Match> MatchDescriptors(
     DescriptorView descriptors1, DescriptorView descriptors2,
     const DescriptorMatchingOptions& options,
-    InstructionSet set = FastestInstructionSet());
+    InstructionSet set = FastestInstructionSet(),
+    const TileSelection* tiles = nullptr);
 
 }  // namespace mgsfm

@@ -45,8 +45,9 @@ template <class Row, class Column>
 class Cell {
  public:
   Cell(const TileFunctions<Row, Column>& functions, size_t num_rows,
-       size_t num_columns)
+       size_t num_columns, const TileSelection* tiles)
       : functions_(functions),
+        tiles_(tiles),
         num_rows_(static_cast<int>(num_rows)),
         num_columns_(static_cast<int>(num_columns)) {}
 
@@ -74,6 +75,11 @@ class Cell {
         const Column* block_columns =
             columns.data() + idx * TileFunctions<Row, Column>::kBlockSize;
         for (int row = panel; row < panel_end; row += kTileRows) {
+          if (tiles_ != nullptr &&
+              !tiles_->IsSelected(
+                  static_cast<size_t>(first_row + row) / kTileRows, idx)) {
+            continue;
+          }
           MultiplyTile(
               rows.data() + static_cast<size_t>(first_row + row) * kNumDims,
               block_columns, row, block);
@@ -131,6 +137,7 @@ class Cell {
   }
 
   const TileFunctions<Row, Column> functions_;
+  const TileSelection* tiles_;  // null: all
   const int num_rows_;
   const int num_columns_;
   int first_row_ = 0;
@@ -145,11 +152,12 @@ class Cell {
 template <class Row, class Column>
 TwoNearestOfPair FindTwoNearestOfPacked(
     const TileFunctions<Row, Column>& functions, const std::vector<Row>& rows,
-    size_t num_rows, const std::vector<Column>& columns, size_t num_columns) {
+    size_t num_rows, const std::vector<Column>& columns, size_t num_columns,
+    const TileSelection* tiles = nullptr) {
   TwoNearestOfPair nearest;
   nearest.of_1.resize(num_rows);
   nearest.of_2.resize(num_columns);
-  Cell<Row, Column> cell(functions, num_rows, num_columns);
+  Cell<Row, Column> cell(functions, num_rows, num_columns, tiles);
   const int num_blocks =
       static_cast<int>(columns.size() / TileFunctions<Row, Column>::kBlockSize);
   for (int row = 0; row < static_cast<int>(num_rows); row += kCellRows) {
@@ -211,8 +219,8 @@ const std::vector<Column>& PackColumns(DescriptorView descriptors,
 }  // namespace
 
 TwoNearestOfPair FindTwoNearest(DescriptorView descriptors1,
-                                DescriptorView descriptors2,
-                                InstructionSet set) {
+                                DescriptorView descriptors2, InstructionSet set,
+                                const TileSelection* tiles) {
   const TileKernels kernels = KernelsOf(set);
   const auto same = [](uint8_t value) { return value; };
   const auto offset = [&](size_t j) {
@@ -223,11 +231,11 @@ TwoNearestOfPair FindTwoNearest(DescriptorView descriptors1,
     return FindTwoNearestOfPacked(
         kernels.bytes, PackRows<int8_t>(descriptors1, kByteOffset),
         descriptors1.size, PackColumns<uint8_t>(descriptors2, same, offset),
-        descriptors2.size);
+        descriptors2.size, tiles);
   }
   return FindTwoNearestOfPacked(
       kernels.floats, PackRows<float>(descriptors1), descriptors1.size,
-      PackColumns<float>(descriptors2, same, offset), descriptors2.size);
+      PackColumns<float>(descriptors2, same, offset), descriptors2.size, tiles);
 }
 
 namespace {
@@ -413,10 +421,15 @@ void SettleUnsure(DescriptorView descriptors, DescriptorView others,
 }  // namespace
 
 Accepted FindAccepted(DescriptorView descriptors1, DescriptorView descriptors2,
-                      InstructionSet set, const AcceptanceTest& accepts) {
-  auto decisions = DecideRoughly(descriptors1, descriptors2, set, accepts);
+                      InstructionSet set, const AcceptanceTest& accepts,
+                      const TileSelection* tiles) {
+  std::optional<Accepted> decisions;
+  if (tiles == nullptr) {
+    decisions = DecideRoughly(descriptors1, descriptors2, set, accepts);
+  }
   if (!decisions) {
-    const auto [of_1, of_2] = FindTwoNearest(descriptors1, descriptors2, set);
+    const auto [of_1, of_2] =
+        FindTwoNearest(descriptors1, descriptors2, set, tiles);
     return {DecideExactly(of_1, accepts), DecideExactly(of_2, accepts)};
   }
   SettleUnsure(descriptors1, descriptors2, set, accepts, &decisions->of_1);

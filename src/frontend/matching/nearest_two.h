@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <vector>
@@ -26,13 +28,41 @@ struct TwoNearestOfPair {
   std::vector<TwoNearest> of_2;
 };
 
+// The tiles whose products a search computes: kTileRows descriptors of image 1
+// and kTileColumns of image 2.
+class TileSelection {
+ public:
+  TileSelection(size_t num_descriptors1, size_t num_descriptors2)
+      : num_columns_((num_descriptors2 + kTileColumns - 1) / kTileColumns),
+        is_selected_((num_descriptors1 + kTileRows - 1) / kTileRows *
+                     num_columns_) {}
+
+  // Selects the tiles of `row` that contain descriptors begin to end - 1.
+  void Select(size_t row, size_t begin, size_t end) {
+    if (begin >= end) return;
+    const auto first =
+        is_selected_.begin() + static_cast<std::ptrdiff_t>(row * num_columns_);
+    std::fill(first + static_cast<std::ptrdiff_t>(begin / kTileColumns),
+              first + static_cast<std::ptrdiff_t>((end - 1) / kTileColumns + 1),
+              uint8_t{1});
+  }
+  bool IsSelected(size_t row, size_t column) const {
+    return is_selected_[row * num_columns_ + column] != 0;
+  }
+
+ private:
+  size_t num_columns_;
+  std::vector<uint8_t> is_selected_;
+};
+
 // The exact two nearest neighbors of all descriptors of both images, by all dot
 // products: 128 |1| |2| multiplications. Products are computed in tiles that
-// stay in registers and cache and serve both directions.
+// stay in registers and cache and serve both directions. With `tiles`, the two
+// nearest in selected tiles, by their products.
 // The result is the same for all instruction sets.
 TwoNearestOfPair FindTwoNearest(DescriptorView descriptors1,
-                                DescriptorView descriptors2,
-                                InstructionSet set);
+                                DescriptorView descriptors2, InstructionSet set,
+                                const TileSelection* tiles = nullptr);
 
 // Whether a descriptor with these largest dot products accepts its nearest
 // neighbor. Must not become true as second_dot increases.
@@ -54,7 +84,9 @@ struct Accepted {
 // orthogonal to c contributes to a.h:
 //   | a.b - y | = | a.h | <= |h| sqrt(|a|^2 - (y / m)^2).
 // These bounds are strict. Decisions that they leave open use exact products.
+// With `tiles`, all products of selected tiles are exact.
 Accepted FindAccepted(DescriptorView descriptors1, DescriptorView descriptors2,
-                      InstructionSet set, const AcceptanceTest& accepts);
+                      InstructionSet set, const AcceptanceTest& accepts,
+                      const TileSelection* tiles = nullptr);
 
 }  // namespace mgsfm

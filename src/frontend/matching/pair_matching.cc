@@ -12,6 +12,7 @@
 #include "database/database_shard.h"
 #include "matching/descriptor_matching.h"
 #include "matching/frame_pair_verification.h"
+#include "matching/guided_matching.h"
 #include "matching/scene_pairs.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/options_io.h"
@@ -21,6 +22,8 @@ namespace {
 
 // Limits the loss of an interrupted run to seconds of work.
 constexpr size_t kMaxBatchSize = 256;
+// Other streams verify pairs and units (frame_pair_verification.cc).
+constexpr uint64_t kLandmarkStream = 2;
 
 }  // namespace
 
@@ -137,8 +140,14 @@ PairMatcher::Result PairMatcher::MatchPair(const ImageIdxPair& pair,
     CheckMatches(matches, features1.keypoints_px.size(),
                  features2.keypoints_px.size(), image1.name, image2.name);
   } else {
-    matches = MatchDescriptors(features1.Descriptors(), features2.Descriptors(),
-                               options_.matching);
+    matches = MatchGuided(
+        {features1.View(scene_.cameras[image1.camera_idx]),
+         features1.Descriptors(), &features1.landmarks},
+        {features2.View(scene_.cameras[image2.camera_idx]),
+         features2.Descriptors(), &features2.landmarks},
+        options_.matching, options_.two_view_geometry,
+        Random(PairSeed(image1.name, image2.name, context_.random_seed),
+               kLandmarkStream));
   }
   ImagePair verified = VerifyImages(scene_, pair, features1, features2, matches,
                                     options_.two_view_geometry, context_);

@@ -8,6 +8,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "matching/guided_matching.h"
 #include "matching/pair_selection.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -158,8 +159,11 @@ void FeatureCache::AddToBatch(int image_idx, bool needs_descriptors) {
 
 void FeatureCache::Read(int image_idx) {
   const Image& image = scene_.images[image_idx];
+  const auto keypoints = database_.ReadKeypoints(image.id);
   ImageFeatures features;
-  for (const FeatureKeypoint& keypoint : database_.ReadKeypoints(image.id)) {
+  features.landmarks =
+      SelectLandmarks(scene_.cameras[image.camera_idx], keypoints);
+  for (const FeatureKeypoint& keypoint : keypoints) {
     features.keypoints_px.emplace_back(keypoint.x_px, keypoint.y_px);
   }
   num_bytes_ += features.NumBytes();

@@ -75,6 +75,7 @@ DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,
 struct ImageFeatures {
   std::vector<Eigen::Vector2f> keypoints_px;
   std::vector<std::optional<Eigen::Vector3d>> rays;  // see VerificationView
+  std::vector<uint32_t> landmarks;                   // see guided_matching.h
   DescriptorMatrix descriptors;  // if some batch needed them
   bool has_descriptors = false;
   size_t last_batch = 0;  // the last one that used it

@@ -219,5 +219,55 @@ TEST(DescriptorMatching, InstructionSetsFindTheSameTwoNearest) {
   }
 }
 
+// Two ranges per row of tiles, one of them empty for some rows.
+TEST(DescriptorMatching, ComparesSelectedTilesOnly) {
+  Random random(12);
+  const TestDescriptors a = RandomDescriptors(130, &random);
+  const TestDescriptors b = PartlyMatching(a, 4200, 10.0, &random);
+  TileSelection tiles(a.size(), b.size());
+  const auto begin1 = [](size_t row) { return 200 * row; };
+  const auto end1 = [](size_t row) { return 200 * row + 16 * (row % 3); };
+  const auto begin2 = [](size_t row) { return 4000 - 32 * row; };
+  for (size_t row = 0; row * kTileRows < a.size(); ++row) {
+    tiles.Select(row, begin1(row), end1(row));
+    tiles.Select(row, begin2(row), 4200);
+  }
+  TwoNearestOfPair expected;
+  expected.of_1.resize(a.size());
+  expected.of_2.resize(b.size());
+  const auto enter = [](int32_t dot, size_t idx, TwoNearest* nearest) {
+    if (dot > nearest->best_dot) {
+      nearest->second_dot = nearest->best_dot;
+      nearest->best_dot = dot;
+      nearest->best_idx = static_cast<int32_t>(idx);
+    } else {
+      nearest->second_dot = std::max(nearest->second_dot, dot);
+    }
+  };
+  for (size_t i = 0; i < a.size(); ++i) {
+    const size_t row = i / kTileRows;
+    for (size_t j = 0; j < b.size(); ++j) {
+      // Tiles of columns that contain a selected descriptor.
+      const size_t tile = j / kTileColumns * kTileColumns;
+      const bool is_selected =
+          (end1(row) > begin1(row) && tile + kTileColumns > begin1(row) &&
+           tile < end1(row)) ||
+          tile + kTileColumns > begin2(row);
+      if (!is_selected) continue;
+      int32_t dot = 0;
+      for (size_t k = 0; k < DescriptorView::kDim; ++k) {
+        dot += int32_t{a.View().Row(i)[k]} * b.View().Row(j)[k];
+      }
+      enter(dot, j, &expected.of_1[i]);
+      enter(dot, i, &expected.of_2[j]);
+    }
+  }
+  for (const InstructionSet set : InstructionSets()) {
+    const auto found = FindTwoNearest(a.View(), b.View(), set, &tiles);
+    EXPECT_EQ(found.of_1, expected.of_1);
+    EXPECT_EQ(found.of_2, expected.of_2);
+  }
+}
+
 }  // namespace
 }  // namespace mgsfm
