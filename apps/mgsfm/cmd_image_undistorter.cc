@@ -95,6 +95,14 @@ fs::path ModelFolder(UndistortionLayout layout) {
   return {};
 }
 
+// Trainers drop the folders of cameras where they scale images or find masks.
+ViewNaming NamingOf(UndistortionLayout layout) {
+  return layout == UndistortionLayout::kGaussianSplatting ||
+                 layout == UndistortionLayout::kNerfstudio
+             ? ViewNaming::kFlat
+             : ViewNaming::kFolders;
+}
+
 fs::path Canonical(const fs::path& path) {
   return fs::weakly_canonical(fs::absolute(path));
 }
@@ -133,8 +141,7 @@ std::string Settings(const ImageUndistorterOptions& options,
       {"image_path", Canonical(*options.image_path).string()},
       {"mask_path", CanonicalOrEmpty(options.mask_path)},
       {"camera_mask_path", CanonicalOrEmpty(options.camera_mask_path)},
-      {"has_flat_names",
-       options.output_type == UndistortionLayout::kGaussianSplatting},
+      {"has_flat_names", NamingOf(options.output_type) == ViewNaming::kFlat},
       {"has_masks", writes_masks},
       {"jpeg_quality", *options.jpeg_quality},
       {"cameras", std::move(cameras)}};
@@ -251,12 +258,9 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
   const SceneModel& input = tool_model.model;
   const std::vector<std::vector<View>> views_of_camera = PlanAllViews(
       input.reconstruction, options.views, options.output_type, context);
-  UndistortedModel model = UndistortModel(
-      input.scene, input.reconstruction, views_of_camera,
-      options.output_type == UndistortionLayout::kGaussianSplatting
-          ? ViewNaming::kFlat
-          : ViewNaming::kFolders,
-      context);
+  UndistortedModel model =
+      UndistortModel(input.scene, input.reconstruction, views_of_camera,
+                     NamingOf(options.output_type), context);
   LogViews(input.scene, views_of_camera, context);
   WarnOfImagesWithoutPoints(input, context);
   const bool has_masks =

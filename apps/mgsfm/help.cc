@@ -152,7 +152,9 @@ const Table& NeedlessOptions() {
       {"split_type", "use --num_clusters"},
       {"tri_", kGlobal},
       {"upright", "leave it out: features have orientations"},
-      {"use_gpu", kNoGpu}};
+      {"use_gpu", kNoGpu},
+      {"use_turning_loops",
+       "leave it out: the rule rejected correct loops and is gone"}};
   return kTable;
 }
 

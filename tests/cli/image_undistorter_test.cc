@@ -131,15 +131,17 @@ TEST_F(ImageUndistorterTest, TransformsFollowTheConventionOfNerfstudio) {
     const Vector3d in_world =
         (world_from_gl * Eigen::Vector4d(3, 2, -10, 1)).head<3>();
     std::smatch match;
-    if (std::regex_match(path, match, std::regex("images/(front_left/.*)"))) {
-      const Vector3d in_cam = CamFromWorld(originals.at(match[1])) * in_world;
+    if (std::regex_match(path, match, std::regex("images/front_left_(.*)"))) {
+      const Vector3d in_cam =
+          CamFromWorld(originals.at("front_left/" + std::string(match[1]))) *
+          in_world;
       EXPECT_LT((in_cam - Vector3d(3, -2, 10)).norm(), 1e-9);
       ++num_front;
     } else if (std::regex_match(path, match,
-                                std::regex("images/side_left_right(/.*)"))) {
+                                std::regex("images/side_left_right_(.*)"))) {
       // Ahead is to the right of the fisheye, and right is behind it.
       const Vector3d in_cam =
-          CamFromWorld(originals.at("side_left" + std::string(match[1]))) *
+          CamFromWorld(originals.at("side_left/" + std::string(match[1]))) *
           in_world;
       EXPECT_LT((in_cam - Vector3d(10, -2, -3)).norm(), 1e-9);
       ++num_right;

@@ -94,7 +94,8 @@ struct Place {
   }
 };
 
-// The places of all keypoints of an image, sorted.
+// The places of all keypoints of an image, sorted. Landmarks and keypoints at
+// the epipole may be anywhere.
 std::vector<Place> PlacesOf(const EpipolarPencil& pencil, bool is_first,
                             const MatchingView& view, size_t num_keypoints,
                             double max_error_rad) {
@@ -113,7 +114,9 @@ std::vector<Place> PlacesOf(const EpipolarPencil& pencil, bool is_first,
               .normalized();
     }
     const double sine = ray ? epipole.cross(*ray).norm() : 0.0;
-    if (sine > max_error_rad) {
+    const bool is_landmark =
+        std::binary_search(view.landmarks->begin(), view.landmarks->end(), i);
+    if (sine > max_error_rad && !is_landmark) {
       place.half_width = std::asin(max_error_rad / sine);
       place.azimuth = pencil.AzimuthOf(is_first ? Vector3d(pencil.E * *ray)
                                                 : pencil.epipole2.cross(*ray));

@@ -18,13 +18,13 @@ namespace mgsfm {
 struct MatchingView {
   VerificationView geometry;
   DescriptorView descriptors;
-  const std::vector<uint32_t>* landmarks = nullptr;
+  const std::vector<uint32_t>* landmarks = nullptr;  // ascending
 };
 
 // The keypoints that show the motion of a pair: in each cell of the image, the
 // tenth of the largest scale, which other images are most likely to show, too.
 // Cells keep an object that fills the image with large keypoints from outvoting
-// the scene.
+// the scene. Ascending.
 std::vector<uint32_t> SelectLandmarks(
     const Camera& camera, const std::vector<FeatureKeypoint>& keypoints);
 
@@ -35,8 +35,9 @@ std::vector<uint32_t> SelectLandmarks(
 // one epipolar plane: |n2 - n1| <= w1 + w2 with n the azimuth of a plane about
 // the baseline, and sin(w) = max_error / sin(angle to the epipole). The
 // keypoints of both images are sorted by azimuth, so that nearly all tiles of
-// products are outside of the band. The second nearest neighbor of the ratio
-// test is that in the band. Otherwise all descriptors are compared.
+// products are outside of the band. Landmarks are compared with all
+// descriptors: without these rivals, the ratio test would accept more ambiguous
+// matches. Without such a motion, all descriptors are compared.
 //
 // The matches are neither verified nor all in the band.
 [[nodiscard]] std::vector<Match> MatchGuided(
