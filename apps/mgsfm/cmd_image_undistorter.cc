@@ -16,7 +16,6 @@
 #include "imaging/image_run.h"
 #include "imaging/layouts.h"
 #include "mapper_run.h"
-#include "mgsfm/base/error.h"
 #include "mgsfm/imaging/undistorted_model.h"
 #include "mgsfm/imaging/views.h"
 #include "model_file.h"

@@ -2,7 +2,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <optional>
 #include <string>
 #include <utility>
@@ -15,7 +14,6 @@
 #include "database/database_reader.h"
 #include "database/sqlite_database.h"
 #include "files/file_operations.h"
-#include "files/staged_output.h"
 #include "geometry/geodetic.h"
 #include "geometry/so3.h"
 #include "georegistration/gravity_leveling.h"

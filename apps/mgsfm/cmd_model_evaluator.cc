@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <sstream>
 
 #include "base/text.h"
 #include "base/text_tools.h"

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <string>
 #include <utility>
 
 #include "base/format.h"

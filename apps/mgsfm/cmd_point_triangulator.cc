@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <utility>
 
 #include "command.h"
 #include "commands.h"

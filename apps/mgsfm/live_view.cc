@@ -5,7 +5,6 @@
 #include <exception>
 #include <nlohmann/json.hpp>
 #include <utility>
-#include <vector>
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/report_page/report_page.h"

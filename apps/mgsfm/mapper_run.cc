@@ -31,6 +31,7 @@
 #include "mgsfm/mapper/report.h"
 #include "mgsfm/report_page/report_page.h"
 #include "mgsfm/rigs/rig_config.h"
+#include "models/model_placement.h"
 #include "models/point_colors.h"
 #include "partition_run.h"
 #include "program.h"

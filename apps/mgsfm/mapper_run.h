@@ -13,7 +13,6 @@
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/scene_loading.h"
 #include "mgsfm/priors/pose_priors.h"
-#include "models/model_placement.h"
 
 namespace mgsfm {
 

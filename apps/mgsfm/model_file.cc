@@ -7,7 +7,6 @@
 #include "mgsfm/models/model_scene.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
-#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {

@@ -10,8 +10,6 @@
 #include <unistd.h>
 
 #include <Eigen/Core>
-#include <algorithm>
-#include <cctype>
 #include <csignal>
 #include <cstdio>
 #include <cstring>

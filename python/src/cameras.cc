@@ -7,7 +7,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <limits>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>

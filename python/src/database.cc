@@ -3,13 +3,11 @@
 #include <pybind11/stl.h>
 
 #include <Eigen/Core>
-#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <memory>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <tuple>
 #include <utility>
 #include <vector>

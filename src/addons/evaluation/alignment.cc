@@ -4,7 +4,6 @@
 
 #include "base/random.h"
 #include "geometry/decompositions.h"
-#include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/evaluation/evaluation.h"
 

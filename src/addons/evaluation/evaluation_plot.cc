@@ -2,7 +2,6 @@
 #include "evaluation/evaluation_plot.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "evaluation/svg.h"
 #include "geometry/so3.h"

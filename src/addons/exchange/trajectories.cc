@@ -9,7 +9,6 @@
 
 #include "base/format.h"
 #include "base/nanoseconds.h"
-#include "base/text.h"
 #include "base/text_tools.h"
 #include "exchange/formats.h"
 #include "geometry/geodetic.h"

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "base/nanoseconds.h"
-#include "base/text.h"
 #include "mgsfm/base/error.h"
 #include "recordings/byte_reader.h"
 #include "recordings/decompression.h"

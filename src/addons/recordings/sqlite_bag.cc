@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <map>
 #include <string>
-#include <utility>
 
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"

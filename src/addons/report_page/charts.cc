@@ -13,7 +13,6 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using Json = nlohmann::ordered_json;
 
 // Sizes of drawings in this file are in pixels of the page at its full width.
 constexpr double kWidth = 960.0;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <map>
 
 #include "evaluation/evaluation_plot.h"
 #include "report_page/charts.h"

@@ -8,7 +8,6 @@
 #include "bundle_adjustment/residual_field.h"
 #include "bundle_adjustment/solve.h"
 #include "geometry/decompositions.h"
-#include "geometry/so3.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "rig_solver/pose_covariances.h"
 

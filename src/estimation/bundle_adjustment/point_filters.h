@@ -12,7 +12,6 @@
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
-#include "scene/observations.h"
 
 namespace mgsfm {
 

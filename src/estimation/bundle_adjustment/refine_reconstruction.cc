@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cstdio>
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -12,6 +10,7 @@
 #include "bundle_adjustment/solve.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {

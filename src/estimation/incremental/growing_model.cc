@@ -2,14 +2,11 @@
 #include "incremental/growing_model.h"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdint>
 #include <utility>
 
 #include "base/parallel.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
-#include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {

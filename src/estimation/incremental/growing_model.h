@@ -6,7 +6,6 @@
 
 #include "bundle_adjustment/point_filters.h"
 #include "geometry/absolute_pose.h"
-#include "mgsfm/base/mask.h"
 #include "mgsfm/incremental/incremental_mapping.h"
 
 namespace mgsfm {

@@ -3,9 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <memory>
 #include <optional>
-#include <utility>
 
 #include "base/format.h"
 #include "incremental/growing_model.h"

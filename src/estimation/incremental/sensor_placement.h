@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <optional>
 #include <vector>
 
 #include "incremental/growing_model.h"
-#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 

@@ -10,7 +10,6 @@
 #include <utility>
 #include <vector>
 
-#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "moving_objects/motion_candidates.h"
 

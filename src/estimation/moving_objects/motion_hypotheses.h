@@ -6,7 +6,6 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/geometry/rigid3.h"
-#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "moving_objects/frame_depths.h"

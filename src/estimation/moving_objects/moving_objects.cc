@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "base/parallel.h"
-#include "geometry/so3.h"
 #include "math/statistics.h"
 #include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_continuity.h"

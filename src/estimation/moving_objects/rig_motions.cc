@@ -9,7 +9,6 @@
 
 #include "geometry/absolute_pose.h"
 #include "geometry/epipolar.h"
-#include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"

@@ -5,7 +5,6 @@
 
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
-#include "mgsfm/scene/view_graph.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {

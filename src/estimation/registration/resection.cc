@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <optional>
-#include <utility>
 
 #include "base/parallel.h"
 #include "base/random.h"

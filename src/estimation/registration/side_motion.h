@@ -2,7 +2,6 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cmath>
-#include <cstddef>
 
 #include "base/cpu_features.h"
 #include "math/robust_loss.h"

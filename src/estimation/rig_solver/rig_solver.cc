@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "rig_solver/rig_solver.h"
 
-#include <limits>
 #include <optional>
-#include <vector>
 
 #include "rig_solver/ceres_backend.h"
 #include "rig_solver/levenberg_marquardt.h"

@@ -9,7 +9,6 @@
 #include "geometry/so3.h"
 #include "math/robust_loss.h"
 #include "math/robust_scale.h"
-#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {

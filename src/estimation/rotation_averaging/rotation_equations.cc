@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "geometry/so3.h"
-#include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {

@@ -5,7 +5,6 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/rotation_averaging/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"

@@ -11,7 +11,6 @@
 #include "math/l1_admm.h"
 #include "math/robust_scale.h"
 #include "math/sparse_solver.h"
-#include "math/statistics.h"
 #include "rotation_averaging/gravity.h"
 #include "rotation_averaging/rotation_equations.h"
 #include "rotation_averaging/rotation_initialization.h"

@@ -2,7 +2,6 @@
 #include "seams/frame_cuts.h"
 
 #include <algorithm>
-#include <numeric>
 
 #include "math/spanning_tree.h"
 

@@ -2,7 +2,6 @@
 #include "seams/motion_jumps.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <tuple>

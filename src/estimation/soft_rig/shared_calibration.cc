@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "bundle_adjustment/problem_builder.h"
 #include "geometry/decompositions.h"

@@ -3,15 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include "base/format.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
-#include "geometry/so3.h"
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/rig_solver.h"
+#include "scene/observations.h"
 #include "soft_rig/deviations.h"
 #include "soft_rig/rig_calibration.h"
 #include "soft_rig/soft_rig_problem.h"

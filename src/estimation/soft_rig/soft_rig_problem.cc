@@ -2,7 +2,6 @@
 #include "soft_rig/soft_rig_problem.h"
 
 #include <cmath>
-#include <utility>
 
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"

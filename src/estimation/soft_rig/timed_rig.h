@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <optional>
-#include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"

@@ -2,7 +2,6 @@
 #include "tracks/match_graph.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"

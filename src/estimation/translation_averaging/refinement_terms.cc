@@ -3,8 +3,6 @@
 
 #include <cmath>
 
-#include "geometry/so3.h"
-
 namespace mgsfm {
 namespace {
 

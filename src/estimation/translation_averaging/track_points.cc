@@ -2,7 +2,6 @@
 #include "translation_averaging/track_points.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "base/parallel.h"

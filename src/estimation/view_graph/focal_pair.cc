@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <utility>
 
 #include "geometry/epipolar.h"
 #include "math/robust_loss.h"

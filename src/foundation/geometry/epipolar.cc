@@ -7,7 +7,6 @@
 #include "geometry/decompositions.h"
 #include "geometry/epipolar_terms.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {

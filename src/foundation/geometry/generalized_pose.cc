@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/generalized_pose.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <utility>
 
 #include "math/supernodal_factor.h"
 #include "mgsfm/base/error.h"

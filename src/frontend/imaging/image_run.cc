@@ -9,7 +9,6 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <set>
-#include <utility>
 
 #include "base/file_reading.h"
 #include "base/grouped_warnings.h"

@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
-#include <vector>
 
 #include "files/file_operations.h"
 #include "mgsfm/geometry/rigid3.h"

@@ -10,7 +10,6 @@
 #include "matching/scene_pairs.h"
 #include "matching/two_view_verification.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/database/feature_database.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"

@@ -4,10 +4,8 @@
 #include <algorithm>
 #include <optional>
 #include <string_view>
-#include <utility>
 
 #include "base/file_reading.h"
-#include "base/text_streams.h"
 #include "matching/frame_pair_verification.h"
 #include "matching/key_frames.h"
 #include "matching/match_list.h"

@@ -14,7 +14,6 @@
 #include "matching/frame_pair_verification.h"
 #include "matching/guided_matching.h"
 #include "matching/scene_pairs.h"
-#include "mgsfm/base/error.h"
 #include "mgsfm/base/options_io.h"
 
 namespace mgsfm {

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "calibration/calibration.h"
-#include "calibration/yaml_value.h"
 
 namespace mgsfm {
 

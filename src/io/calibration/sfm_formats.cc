@@ -8,7 +8,6 @@
 #include "calibration/calibration.h"
 #include "calibration/lens_models.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {

@@ -9,7 +9,6 @@
 #include <set>
 #include <system_error>
 #include <tuple>
-#include <utility>
 
 #include "base/text.h"
 #include "database/database_reader.h"

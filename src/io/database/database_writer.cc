@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <filesystem>
-#include <functional>
 #include <set>
 #include <system_error>
 
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
-#include "mgsfm/base/error.h"
 #include "mgsfm/database/database.h"
 #include "scene/item_lists.h"
 

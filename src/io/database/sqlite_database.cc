@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {

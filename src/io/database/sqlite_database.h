@@ -12,8 +12,6 @@
 #include <type_traits>
 #include <vector>
 
-#include "mgsfm/base/error.h"
-
 namespace mgsfm {
 
 // "database 'path': problem", the form of all messages on databases.

@@ -5,7 +5,6 @@
 #include <opencv2/imgcodecs.hpp>
 #include <set>
 #include <system_error>
-#include <utility>
 
 #include "base/file_reading.h"
 #include "base/text_tools.h"

@@ -9,7 +9,6 @@
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string_view>
-#include <vector>
 
 #include "base/memory.h"
 #include "base/text.h"

@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "models/model_checks.h"
 #include "models/rows_to_scene.h"

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <utility>
 
 #include "base/file_reading.h"
 #include "base/text_tools.h"

@@ -2,8 +2,6 @@
 #include "mgsfm/rigs/rig_config.h"
 
 #include <algorithm>
-#include <cmath>
-#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
