@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <numeric>
 #include <string>
 #include <vector>
 
 #include "base/format.h"
 #include "base/grouped_warnings.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "command.h"
 #include "commands.h"
@@ -93,9 +93,8 @@ std::string WhyNotAdjustable(const ModelScene& input,
                              const BundleAdjustmentOptions& options) {
   const Scene& scene = input.scene;
   const auto& points = input.reconstruction.points;
-  if (std::none_of(points.begin(), points.end(), [](const Point3D& point) {
-        return point.track.size() >= 2;
-      })) {
+  if (NoneOf(points,
+             [](const Point3D& point) { return point.track.size() >= 2; })) {
     return "no point is observed in two images";
   }
   // Intrinsics of a model count as known (MakeModelScene).

@@ -11,6 +11,7 @@
 
 #include "base/file_reading.h"
 #include "base/format.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
@@ -121,9 +122,9 @@ void UseExifTimes(const std::string& image_path,
                   const std::vector<std::string>& names,
                   const std::filesystem::path& output_path,
                   const Context& context, SceneLoadingOptions* loading) {
-  const bool names_suffice = std::all_of(
-      names.begin(), names.end(),
-      [](const std::string& name) { return TimeInName(name).has_value(); });
+  const bool names_suffice = AllOf(names, [](const std::string& name) {
+    return TimeInName(name).has_value();
+  });
   if (!loading->PairsFramesByTime() ||
       !loading->image_timestamps_path->empty() || names_suffice) {
     return;
@@ -352,10 +353,8 @@ SceneLoadingOptions WithExifTimes(const RigConfiguratorOptions& options,
   SceneLoadingOptions rigs = options.rigs;
   if (options.image_path->empty()) return rigs;
   CheckImagePath(options.image_path);
-  std::vector<std::string> names;
-  for (const ImageRow& image : database.ReadStructure(context).images) {
-    names.push_back(image.name);
-  }
+  const std::vector<std::string> names =
+      Transformed(database.ReadStructure(context).images, &ImageRow::name);
   const std::filesystem::path path = *options.database_path;
   UseExifTimes(options.image_path, names, path.parent_path() / "timestamps.txt",
                context, &rigs);

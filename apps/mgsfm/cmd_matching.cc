@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/grouped_warnings.h"
+#include "base/ranges.h"
 #include "command.h"
 #include "commands.h"
 #include "matching/fisheye_detection.h"
@@ -323,9 +324,7 @@ Scene ReadSample(const FeatureDatabase& database, int max_num_images,
                  const Context& context) {
   DatabaseContents contents = database.ReadStructure(context);
   std::vector<ImageRow> images = std::move(contents.images);
-  std::sort(
-      images.begin(), images.end(),
-      [](const ImageRow& a, const ImageRow& b) { return a.name < b.name; });
+  SortBy(&images, &ImageRow::name);
   const size_t size = images.size();
   const size_t num_chosen =
       max_num_images < 0 ? size

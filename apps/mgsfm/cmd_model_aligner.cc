@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
@@ -170,8 +171,7 @@ Scene ImagesOfDatabase(const std::string& path, const Context& context) {
        ReadStructure(snapshot.database(), context).images) {
     scene.images.push_back({row.id, row.name, 0, 0, 0, {}});
   }
-  std::sort(scene.images.begin(), scene.images.end(),
-            [](const Image& a, const Image& b) { return a.name < b.name; });
+  SortBy(&scene.images, &Image::name);
   return scene;
 }
 
@@ -436,8 +436,7 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ModelFile* input,
                 std::string(EnumName(*options.alignment_type)) + " needs GPS");
   }
   const auto num_positions = static_cast<size_t>(
-      std::count_if(positions.images.begin(), positions.images.end(),
-                    [](const auto& p) { return p.has_value(); }));
+      CountIf(positions.images, [](const auto& p) { return p.has_value(); }));
   context.Info("'" + reference_path + "' has " +
                (positions.origin_wgs84 ? "latitudes and longitudes"
                                        : "Cartesian positions") +

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_streams.h"
 #include "base/text_tools.h"
@@ -58,9 +59,9 @@ void Describe(const ModelStatistics& s, std::ostream& text) {
 
 void DescribeSensor(const SceneModel& model, int sensor_idx, bool is_reference,
                     std::ostream& text) {
-  const auto num_images = std::count_if(
-      model.scene.images.begin(), model.scene.images.end(),
-      [&](const Image& image) { return image.sensor_idx == sensor_idx; });
+  const auto num_images = CountIf(model.scene.images, [&](const Image& image) {
+    return image.sensor_idx == sensor_idx;
+  });
   text << "  " << model.scene.sensors[sensor_idx].name << ": " << num_images
        << " images, ";
   const auto& pose = model.reconstruction.sensor_from_rig[sensor_idx];
@@ -79,10 +80,9 @@ void DescribeRigs(const SceneModel& model, std::ostream& text) {
     const Rig& rig = model.scene.rigs[i];
     if (rig.sensor_idxs.size() < 2) continue;
     const auto num_frames =
-        std::count_if(model.scene.frames.begin(), model.scene.frames.end(),
-                      [&](const Frame& frame) {
-                        return frame.rig_idx == static_cast<int>(i);
-                      });
+        CountIf(model.scene.frames, [&](const Frame& frame) {
+          return frame.rig_idx == static_cast<int>(i);
+        });
     text << "Rig " << rig.id.value() << ": " << rig.sensor_idxs.size()
          << " cameras, " << num_frames << " frames\n";
     for (const int sensor_idx : rig.sensor_idxs) {
@@ -282,19 +282,17 @@ std::vector<GraphEdge> EdgesOfPoints(const SceneModel& model) {
     for (const Observation& o : point.track) {
       frames.push_back(model.scene.images[o.image_idx].frame_idx);
     }
-    std::sort(frames.begin(), frames.end());
-    frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+    SortUnique(&frames);
     for (size_t i = 0; i < frames.size(); ++i) {
       for (size_t k = i + 1; k < frames.size(); ++k) {
         ++num_points[{frames[i], frames[k]}];
       }
     }
   }
-  std::vector<GraphEdge> edges;
-  for (const auto& [frames, number] : num_points) {
-    edges.push_back({frames.first, frames.second, static_cast<double>(number)});
-  }
-  return edges;
+  return Transformed(num_points, [](const auto& entry) {
+    const auto& [frames, number] = entry;
+    return GraphEdge{frames.first, frames.second, static_cast<double>(number)};
+  });
 }
 
 SceneModel KeepFrames(const std::vector<int>& frame_idxs, SceneModel model) {

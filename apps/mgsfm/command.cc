@@ -15,6 +15,7 @@
 
 #include "base/file_reading.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "base/text_streams.h"
 #include "base/text_tools.h"
 #include "database/sqlite_database.h"
@@ -182,10 +183,9 @@ std::vector<NamedPath> ReadInputs(const std::vector<Target>& targets,
   };
   for (const OptionEntry& entry : options) {
     const OptionValue value = entry.get();
-    const bool is_output =
-        std::any_of(targets.begin(), targets.end(), [&](const Target& target) {
-          return target.output->option == entry.name;
-        });
+    const bool is_output = AnyOf(targets, [&](const Target& target) {
+      return target.output->option == entry.name;
+    });
     if (!IsPathOption(entry.name) || is_output ||
         !std::holds_alternative<std::string>(value)) {
       continue;
@@ -347,10 +347,9 @@ OptionAdvice AdviceFor(const OptionList& options) {
 }
 
 void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
-  std::vector<std::string> names;
-  for (const Flag& flag : flags) names.push_back(flag.name);
   // An unknown name is more likely than a missing value.
-  CheckOptionNames(options, names, AdviceFor(options));
+  CheckOptionNames(options, Transformed(flags, &Flag::name),
+                   AdviceFor(options));
   std::set<std::string> known;
   for (const Flag& flag : flags) {
     if (!known.insert(flag.name).second) {

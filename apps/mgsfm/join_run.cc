@@ -15,6 +15,7 @@
 #include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/memory.h"
+#include "base/ranges.h"
 #include "command.h"
 #include "files/file_operations.h"
 #include "files/model_files.h"
@@ -151,9 +152,8 @@ std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
   selection.has_keypoints = false;
   selection.has_pair = [&](const std::string& name1, const std::string& name2) {
     const std::set<size_t>& of2 = sub_maps_of.at(name2);
-    return std::none_of(sub_maps_of.at(name1).begin(),
-                        sub_maps_of.at(name1).end(),
-                        [&](size_t m) { return of2.count(m) > 0; });
+    return NoneOf(sub_maps_of.at(name1),
+                  [&](size_t m) { return of2.count(m) > 0; });
   };
   DatabaseContents contents = ReadDatabase(database_path, context, selection);
   std::map<ImageId, std::string> name_of_id;
@@ -165,10 +165,7 @@ std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
     pairs.push_back({name_of_id.at(row.image_id1), name_of_id.at(row.image_id2),
                      std::move(row.matches)});
   }
-  std::sort(pairs.begin(), pairs.end(),
-            [](const CrossPair& a, const CrossPair& b) {
-              return std::tie(a.name1, a.name2) < std::tie(b.name1, b.name2);
-            });
+  SortBy(&pairs, [](const CrossPair& a) { return std::tie(a.name1, a.name2); });
   return pairs;
 }
 
@@ -306,8 +303,7 @@ void LogUnusedPriors(const PosePriorOptions& options,
                      const std::vector<SubMapFacts>& facts,
                      const Context& context) {
   const auto any = [&](bool SubMapFacts::*used) {
-    return std::any_of(facts.begin(), facts.end(),
-                       [&](const SubMapFacts& f) { return f.*used; });
+    return AnyOf(facts, [&](const SubMapFacts& f) { return f.*used; });
   };
   if (any(&SubMapFacts::is_registered) && !options.AreUsed()) {
     context.Warning(
@@ -351,11 +347,9 @@ ViewGraph ReadViewGraph(const std::string& database_path, const Scene& scene,
     pair.matches = std::move(row.matches);
     view_graph.pairs.push_back(std::move(pair));
   }
-  std::sort(view_graph.pairs.begin(), view_graph.pairs.end(),
-            [](const ImagePair& a, const ImagePair& b) {
-              return std::pair(a.image_idx1, a.image_idx2) <
-                     std::pair(b.image_idx1, b.image_idx2);
-            });
+  SortBy(&view_graph.pairs, [](const ImagePair& a) {
+    return std::pair(a.image_idx1, a.image_idx2);
+  });
   return view_graph;
 }
 
@@ -453,10 +447,9 @@ void AddToReport(const std::string& model_report,
 void LogIfRigsAreRefined(const ModelMergerOptions& options,
                          const std::vector<SceneModel>& models,
                          const Context& context) {
-  const bool have_rigs =
-      std::any_of(models.begin(), models.end(), [](const SceneModel& model) {
-        return model.scene.sensors.size() > model.scene.rigs.size();
-      });
+  const bool have_rigs = AnyOf(models, [](const SceneModel& model) {
+    return model.scene.sensors.size() > model.scene.rigs.size();
+  });
   if (!options.refine || !options.rigs.rig_config_path->empty() || !have_rigs)
     return;
   context.Info(

@@ -7,7 +7,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <atomic>
 #include <cctype>
 #include <cerrno>
@@ -21,6 +20,7 @@
 #include <thread>
 #include <utility>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 
@@ -29,8 +29,7 @@ namespace {
 
 bool IsPort(const std::string& text) {
   return !text.empty() && text.size() <= 5 &&
-         std::all_of(text.begin(), text.end(),
-                     [](unsigned char c) { return std::isdigit(c) != 0; });
+         AllOf(text, [](unsigned char c) { return std::isdigit(c) != 0; });
 }
 
 // The name in "name", "name:port", "[address]" or "[address]:port".

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "model_file.h"
 
-#include <algorithm>
 #include <utility>
 
+#include "base/ranges.h"
 #include "mgsfm/models/model_scene.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
@@ -13,12 +13,12 @@ namespace {
 
 // Whether the rigs and frames contain more information than the images.
 bool HasRigs(const PoseModel& poses) {
-  return std::any_of(poses.frames.begin(), poses.frames.end(),
-                     [](const ModelFrame& frame) {
-                       return frame.image_ids.size() > 1;
-                     }) ||
-         std::any_of(poses.rigs.begin(), poses.rigs.end(),
-                     [](const RigRow& rig) { return rig.sensors.size() > 1; });
+  return AnyOf(poses.frames,
+               [](const ModelFrame& frame) {
+                 return frame.image_ids.size() > 1;
+               }) ||
+         AnyOf(poses.rigs,
+               [](const RigRow& rig) { return rig.sensors.size() > 1; });
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "bindings.h"
 #include "caller.h"
 #include "mgsfm/base/error.h"
@@ -93,9 +94,7 @@ py::object ParseCommandOption(const std::string& command,
 }
 
 std::vector<std::string> CommandNames() {
-  std::vector<std::string> names;
-  for (const Command& command : AllCommands()) names.push_back(command.name);
-  return names;
+  return Transformed(AllCommands(), &Command::name);
 }
 
 }  // namespace

@@ -4,13 +4,13 @@
 
 #include <algorithm>
 #include <limits>
-#include <numeric>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "arrays.h"
+#include "base/ranges.h"
 #include "bindings.h"
 #include "caller.h"
 #include "command.h"
@@ -165,13 +165,11 @@ void AddPairs(const py::dict& graph, OwnGraph* own) {
     // Rotation averaging reads their number alone.
     unsorted.back().matches.resize(std::max(0, num_matches.at(i)));
   }
-  std::vector<size_t> order(unsorted.size());
-  std::iota(order.begin(), order.end(), 0);
+  std::vector<size_t> order = Indices<size_t>(unsorted.size());
   const auto key = [&](size_t i) {
     return std::pair(unsorted[i].image_idx1, unsorted[i].image_idx2);
   };
-  std::sort(order.begin(), order.end(),
-            [&](size_t a, size_t b) { return key(a) < key(b); });
+  SortBy(&order, key);
   own->position.resize(order.size());
   for (size_t k = 0; k < order.size(); ++k) {
     own->position[order[k]] = k;
@@ -250,10 +248,9 @@ py::dict AverageOwnRotations(const py::dict& graph,
   for (const size_t k : own.position) {
     pair_is_inlier.push_back(estimate.pair_is_inlier[k]);
   }
-  std::vector<int> components;
-  for (const auto& component : estimate.component) {
-    components.push_back(component.value_or(-1));
-  }
+  std::vector<int> components =
+      Transformed(estimate.component,
+                  [](const auto& component) { return component.value_or(-1); });
   py::dict result;
   result["rig_from_world"] = ToRows(estimate.rig_from_world, 4);
   result["sensor_from_rig"] = ToRows(estimate.sensor_from_rig, 4);

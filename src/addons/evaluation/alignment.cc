@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "base/random.h"
+#include "base/ranges.h"
 #include "geometry/decompositions.h"
 #include "math/statistics.h"
 #include "mgsfm/evaluation/evaluation.h"
@@ -102,13 +103,9 @@ Sim3 FitWeighted(const std::vector<Sample>& samples,
 
 std::vector<double> Residuals(const std::vector<Sample>& samples,
                               const Sim3& world_from_model) {
-  std::vector<double> residuals;
-  residuals.reserve(samples.size());
-  for (const Sample& sample : samples) {
-    residuals.push_back(
-        (world_from_model * sample.center - sample.true_center).norm());
-  }
-  return residuals;
+  return Transformed(samples, [&](const Sample& sample) {
+    return (world_from_model * sample.center - sample.true_center).norm();
+  });
 }
 
 // The root mean square distance of the true centers from their mean.
@@ -157,13 +154,9 @@ std::vector<double> RobustWeights(const std::vector<double>& residuals,
   const double floor = 1e-3 * median + 1e-12;
   // At least half of the images keep a positive weight.
   const double max_residual = std::max(extent, median);
-  std::vector<double> weights;
-  weights.reserve(residuals.size());
-  for (const double residual : residuals) {
-    weights.push_back(residual <= max_residual ? 1.0 / std::max(residual, floor)
-                                               : 0.0);
-  }
-  return weights;
+  return Transformed(residuals, [&](double residual) {
+    return residual <= max_residual ? 1.0 / std::max(residual, floor) : 0.0;
+  });
 }
 
 }  // namespace
@@ -194,10 +187,9 @@ std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images,
   const double max_residual =
       std::max(kOutlierFactor * Median(residuals), kMinOutlier * extent) +
       1e-12;
-  std::vector<double> weights;
-  for (const double residual : residuals) {
-    weights.push_back(residual <= max_residual ? 1.0 : 0.0);
-  }
+  const std::vector<double> weights = Transformed(
+      residuals,
+      [&](double residual) { return residual <= max_residual ? 1.0 : 0.0; });
   return FitWeighted(samples, weights, fits_scale);
 }
 

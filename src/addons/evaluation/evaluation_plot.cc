@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "base/ranges.h"
 #include "evaluation/svg.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
@@ -134,10 +135,8 @@ void DrawAxes(const Panel& panel, const std::string& x_label,
 void DrawSegments(const Segments& segments, const Panel& panel,
                   const std::string& style, SvgDrawing* drawing) {
   for (const std::vector<Vector2d>& segment : segments) {
-    std::vector<Vector2d> points;
-    for (const Vector2d& value : segment) {
-      points.push_back(panel.ToPage(value));
-    }
+    std::vector<Vector2d> points = Transformed(
+        segment, [&](const Vector2d& value) { return panel.ToPage(value); });
     // A line with a single point is invisible.
     if (points.size() == 1) points.emplace_back(points[0] + Vector2d(0.5, 0.0));
     drawing->Path(points, style);

@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
@@ -18,12 +19,9 @@ namespace {
 void KeepPrefix(const std::string& path, const std::string& prefix,
                 PoseModel* poses) {
   auto& images = poses->images;
-  images.erase(std::remove_if(images.begin(), images.end(),
-                              [&](const ModelImage& image) {
-                                return image.name.compare(0, prefix.size(),
-                                                          prefix) != 0;
-                              }),
-               images.end());
+  EraseIf(&images, [&](const ModelImage& image) {
+    return image.name.compare(0, prefix.size(), prefix) != 0;
+  });
   if (images.empty()) {
     throw Error("no image of the model '" + path +
                 "' has a name that starts with '" + prefix + "'");
@@ -148,10 +146,7 @@ class TrajectoryPairing {
   }
 
   std::vector<ImagePoses> TakeInOrder() {
-    std::stable_sort(images_.begin(), images_.end(),
-                     [](const PlacedImage& a, const PlacedImage& b) {
-                       return a.first < b.first;
-                     });
+    StableSortBy(&images_, &PlacedImage::first);
     std::vector<ImagePoses> ordered;
     for (PlacedImage& image : images_) {
       ordered.push_back(std::move(image.second));
@@ -278,14 +273,10 @@ std::map<size_t, std::pair<double, std::string>> NearestFrames(
 TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
                             const std::vector<TimedPose>& poses,
                             const std::string& path) {
-  std::vector<Rigid3> ref_from_world;
-  ref_from_world.reserve(poses.size());
-  for (const TimedPose& pose : poses) {
-    ref_from_world.push_back(pose.cam_from_world);
-  }
+  std::vector<Rigid3> ref_from_world =
+      Transformed(poses, &TimedPose::cam_from_world);
   const bool have_times =
-      poses.size() > 1 &&
-      std::all_of(frames.begin(), frames.end(), [](const std::string& frame) {
+      poses.size() > 1 && AllOf(frames, [](const std::string& frame) {
         return TimeOrNumberInStem(frame).has_value();
       });
   if (!have_times) {
@@ -299,9 +290,9 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
     throw Error("no time in '" + path +
                 "' is near that of any image name; give both by one clock");
   }
-  const bool is_ambiguous =
-      std::all_of(frames.begin(), frames.end(), MayBeCounter) &&
-      frames.size() == poses.size() && frame_of_pose.size() < frames.size();
+  const bool is_ambiguous = AllOf(frames, MayBeCounter) &&
+                            frames.size() == poses.size() &&
+                            frame_of_pose.size() < frames.size();
   if (is_ambiguous) {
     throw Error("the names of frames, such as '" + frames.back() +
                 "', may be times in s or count the " +
@@ -335,9 +326,8 @@ std::vector<std::string> FrameNames(const PosedScene& model,
       frame_of_name.emplace(StemOfName(name), -1);
     }
   }
-  std::vector<std::string> names;
-  for (const auto& frame : frame_of_name) names.push_back(frame.first);
-  return names;
+  return Transformed(frame_of_name,
+                     [](const auto& frame) { return frame.first; });
 }
 
 std::vector<ImagePoses> PairWithTrajectory(

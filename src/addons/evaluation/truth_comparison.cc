@@ -8,6 +8,7 @@
 #include <set>
 #include <utility>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "evaluation/true_trajectory.h"
@@ -182,12 +183,10 @@ std::vector<const RigConfigCamera*> FindCameras(const PosedScene& model,
                                                 const RigConfig& rig) {
   std::vector<const RigConfigCamera*> cameras;
   for (const RigConfigCamera& camera : rig.cameras) {
-    const bool has_image =
-        std::any_of(model.scene.images.begin(), model.scene.images.end(),
-                    [&](const Image& image) {
-                      return image.sensor_idx == sensor_idx &&
-                             FrameKeyOf(camera, image.name).has_value();
-                    });
+    const bool has_image = AnyOf(model.scene.images, [&](const Image& image) {
+      return image.sensor_idx == sensor_idx &&
+             FrameKeyOf(camera, image.name).has_value();
+    });
     if (has_image) cameras.push_back(&camera);
   }
   return cameras;
@@ -350,10 +349,9 @@ TruthComparison CompareWithModel(const TruthSource& source,
   for (const Frame& frame : truth.scene.frames) {
     std::for_each(frame.image_idxs.begin(), frame.image_idxs.end(), add);
   }
-  if (std::none_of(comparison.images.begin(), comparison.images.end(),
-                   [](const ImagePoses& image) {
-                     return image.cam_from_model.has_value();
-                   })) {
+  if (NoneOf(comparison.images, [](const ImagePoses& image) {
+        return image.cam_from_model.has_value();
+      })) {
     throw Error("the models '" + source.model_path + "' and '" +
                 source.gt_path + "' have no image in common; the names of " +
                 "their images must agree");

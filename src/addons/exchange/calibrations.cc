@@ -2,7 +2,6 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <optional>
 #include <set>
 #include <string>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "exchange/exchange_formats.h"
 #include "exchange/formats.h"
 #include "geometry/so3.h"
@@ -171,8 +171,7 @@ OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
       std::begin(kDistortions), std::end(kDistortions),
       [&](const Distortion& entry) { return entry.model == camera.model; });
   const auto is_permitted = [&](OpenCvDistortion kind) {
-    return std::find(permitted.begin(), permitted.end(), kind) !=
-           permitted.end();
+    return Contains(permitted, kind);
   };
   if (distortion == std::end(kDistortions) || !is_permitted(distortion->kind)) {
     return ToEquidistantCamera(input, camera_idx, format,
@@ -260,12 +259,10 @@ std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input) {
   const int rig_idx =
       OnlyRig(input, "euroc_sensor", "delete the images of the others first");
   const std::vector<std::string> names = PlainSensorNames(input.scene);
-  std::vector<ExportedFile> files;
-  for (const int sensor_idx : PosedSensors(input, rig_idx)) {
-    files.push_back({"/" + names[sensor_idx] + "/sensor.yaml",
-                     SensorYaml(input, sensor_idx)});
-  }
-  return files;
+  return Transformed(PosedSensors(input, rig_idx), [&](int sensor_idx) {
+    return ExportedFile{"/" + names[sensor_idx] + "/sensor.yaml",
+                        SensorYaml(input, sensor_idx)};
+  });
 }
 
 namespace {
@@ -456,8 +453,7 @@ std::vector<std::string> LossesInEurocSensors(const ExportInput& input) {
 }
 
 std::vector<std::string> LossesInCameraInfo(const ExportInput& input) {
-  std::vector<int> sensor_idxs(input.scene.sensors.size());
-  std::iota(sensor_idxs.begin(), sensor_idxs.end(), 0);
+  std::vector<int> sensor_idxs = Indices(input.scene.sensors.size());
   return FittedCameras(input, sensor_idxs, "camera_info", kOfRos);
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "exchange/exchange_formats.h"
 
-#include <algorithm>
 #include <cctype>
 #include <charconv>
 #include <set>
 
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "exchange/formats.h"
 #include "mgsfm/base/error.h"
@@ -46,11 +46,9 @@ const ExchangeFormat* FindExchangeFormat(std::string_view name) {
 }
 
 std::vector<std::string> ExchangeFormatNames() {
-  std::vector<std::string> names;
-  for (const ExchangeFormat& format : kFormats) {
-    names.emplace_back(format.name);
-  }
-  return names;
+  return Transformed(kFormats, [](const ExchangeFormat& format) {
+    return std::string(format.name);
+  });
 }
 
 std::string Digits(double value) {
@@ -93,7 +91,7 @@ std::vector<int> RegisteredFrames(const ExportInput& input) {
   std::vector<int> frame_idxs;
   for (const int frame_idx : OrderOfFrames(scene)) {
     const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
-    if (std::any_of(images.begin(), images.end(), [&](int image_idx) {
+    if (AnyOf(images, [&](int image_idx) {
           return input.model.IsRegistered(scene, image_idx);
         })) {
       frame_idxs.push_back(frame_idx);

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
@@ -183,11 +184,11 @@ void AddPoints(const std::vector<ImportedPoint>& points,
 
 Model MakeModel(ImportedModel imported, const fs::path& path) {
   CheckValues(imported, path);
-  std::vector<size_t> places(imported.images.size());
-  for (size_t i = 0; i < places.size(); ++i) places[i] = i;
-  std::sort(places.begin(), places.end(), [&](size_t a, size_t b) {
-    return imported.images[a].name < imported.images[b].name;
-  });
+  std::vector<size_t> places = Indices<size_t>(imported.images.size());
+  SortBy(
+      &places, [&](size_t i) -> const auto& {
+        return imported.images[i].name;
+      });
   Model model;
   CameraNumbers cameras;
   std::vector<size_t> position_of_place(places.size());
@@ -294,11 +295,9 @@ const ImportFormat* FindImportFormat(std::string_view name) {
 }
 
 std::vector<std::string> ImportFormatNames() {
-  std::vector<std::string> names;
-  for (const KnownFormat& known : kFormats) {
-    names.emplace_back(known.format.name);
-  }
-  return names;
+  return Transformed(kFormats, [](const KnownFormat& known) {
+    return std::string(known.format.name);
+  });
 }
 
 const ImportFormat* GuessImportFormat(const std::filesystem::path& path) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "exchange/exchange_formats.h"
 #include "exchange/formats.h"
 #include "mgsfm/base/error.h"
@@ -99,8 +99,7 @@ ImageOrder OrderImagesById(const ExportInput& input) {
       order.image_idxs.push_back(static_cast<int>(i));
     }
   }
-  std::sort(order.image_idxs.begin(), order.image_idxs.end(),
-            [&](int a, int b) { return images[a].id < images[b].id; });
+  SortBy(&order.image_idxs, [&](int a) { return images[a].id; });
   for (size_t k = 0; k < order.image_idxs.size(); ++k) {
     order.place_of_image[order.image_idxs[k]] = static_cast<int>(k);
   }

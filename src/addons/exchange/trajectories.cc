@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <map>
@@ -9,6 +8,7 @@
 
 #include "base/format.h"
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "exchange/formats.h"
 #include "geometry/geodetic.h"
@@ -94,13 +94,10 @@ std::vector<ExportedFile> WriteTimed(const ExportInput& input,
                                      TimedLine line) {
   std::vector<ExportedFile> files;
   for (const Trajectory& trajectory : MakeTrajectories(input, extension)) {
-    std::vector<std::pair<int64_t, const Stop*>> stops;
-    for (const Stop& stop : trajectory.stops) {
-      stops.emplace_back(TimeOf(stop), &stop);
-    }
-    std::stable_sort(
-        stops.begin(), stops.end(),
-        [](const auto& a, const auto& b) { return a.first < b.first; });
+    auto stops = Transformed(trajectory.stops, [](const Stop& stop) {
+      return std::pair(TimeOf(stop), &stop);
+    });
+    StableSortBy(&stops, [](const auto& a) { return a.first; });
     std::string text = header;
     for (size_t i = 0; i < stops.size(); ++i) {
       if (i > 0 && stops[i].first == stops[i - 1].first) {

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/random.h"
+#include "base/ranges.h"
 #include "geometry/decompositions.h"
 #include "geometry/ransac.h"
 #include "geometry/so3.h"
@@ -225,9 +226,8 @@ std::optional<SubMapEdge> EdgeOfMatches(const SceneModel& first,
       FindConsensus(pairs, ScaleOfRigs(first, second), &edge.first_from_second);
   edge.num_points = static_cast<int>(inliers.size());
   if (edge.num_points < options.min_num_loop_points) return std::nullopt;
-  std::vector<Vector3d> places;
-  for (const size_t i : inliers) places.push_back(pairs[i].in2);
-  SetAnchors(places, &edge);
+  SetAnchors(Transformed(inliers, [&](size_t i) { return pairs[i].in2; }),
+             &edge);
   return edge;
 }
 
@@ -304,13 +304,10 @@ Sim3 Compose(const Sim3& c_from_b, const Sim3& b_from_a) {
 std::vector<GraphEdge> ToGraph(const std::vector<SubMapEdge>& edges) {
   // One common image, which is the same by name, outweighs all points.
   constexpr double kWeightOfImage = 1e6;
-  std::vector<GraphEdge> graph;
-  for (const SubMapEdge& edge : edges) {
-    graph.push_back(
-        {edge.sub_map1, edge.sub_map2,
-         kWeightOfImage * edge.num_common_images + edge.num_points});
-  }
-  return graph;
+  return Transformed(edges, [](const SubMapEdge& edge) {
+    return GraphEdge{edge.sub_map1, edge.sub_map2,
+                     kWeightOfImage * edge.num_common_images + edge.num_points};
+  });
 }
 
 // Places each sub-map in the world of the root of its tree.

@@ -6,6 +6,7 @@
 #include <map>
 #include <utility>
 
+#include "base/ranges.h"
 #include "math/graph_partition.h"
 #include "mgsfm/base/mask.h"
 #include "pair_filtering/frame_pair_index.h"
@@ -16,12 +17,9 @@ namespace mgsfm {
 namespace {
 
 std::vector<MatchedImages> CountMatches(const std::vector<PairMatches>& pairs) {
-  std::vector<MatchedImages> counted;
-  counted.reserve(pairs.size());
-  for (const PairMatches& pair : pairs) {
-    counted.push_back({pair.image_idx1, pair.image_idx2, pair.matches.size()});
-  }
-  return counted;
+  return Transformed(pairs, [](const PairMatches& pair) {
+    return MatchedImages{pair.image_idx1, pair.image_idx2, pair.matches.size()};
+  });
 }
 
 // `support` are the triplet-consistent matches of each pair.
@@ -29,11 +27,10 @@ std::vector<GraphEdge> EdgesOfSkeleton(const FramePairIndex& index,
                                        const std::vector<MatchedImages>& pairs,
                                        const std::vector<int>& support,
                                        const PairFilteringOptions& filtering) {
-  std::vector<int> num_matches;
-  num_matches.reserve(pairs.size());
-  for (const MatchedImages& pair : pairs) {
-    num_matches.push_back(static_cast<int>(pair.num_matches));
-  }
+  const std::vector<int> num_matches =
+      Transformed(pairs, [](const MatchedImages& pair) {
+        return static_cast<int>(pair.num_matches);
+      });
   const Mask is_in_skeleton = SelectSkeletalGraph(
       index, num_matches, support, Mask(pairs.size(), true), filtering);
   std::vector<GraphEdge> edges;
@@ -68,11 +65,10 @@ std::vector<ClusterOverlap> CountCommonFrames(
       }
     }
   }
-  std::vector<ClusterOverlap> overlaps;
-  for (const auto& [pair, number] : num_frames) {
-    overlaps.push_back({pair.first, pair.second, number});
-  }
-  return overlaps;
+  return Transformed(num_frames, [](const auto& entry) {
+    const auto& [pair, number] = entry;
+    return ClusterOverlap{pair.first, pair.second, number};
+  });
 }
 
 // Per cluster and sensor: matches of its images within the cluster.
@@ -123,8 +119,7 @@ std::vector<int> ChooseCalibrationClusters(
     }
     chosen.push_back(best);
   }
-  std::sort(chosen.begin(), chosen.end());
-  chosen.erase(std::unique(chosen.begin(), chosen.end()), chosen.end());
+  SortUnique(&chosen);
   return chosen;
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/model_tools/model_tools.h"
@@ -16,11 +17,9 @@ namespace {
 // Removes points with fewer than two observations: two rays determine a point.
 void RemovePointsOfShortTracks(std::vector<Point3D>* points) {
   constexpr size_t kMinTrackLength = 2;
-  points->erase(std::remove_if(points->begin(), points->end(),
-                               [](const Point3D& point) {
-                                 return point.track.size() < kMinTrackLength;
-                               }),
-                points->end());
+  EraseIf(points, [](const Point3D& point) {
+    return point.track.size() < kMinTrackLength;
+  });
 }
 
 // The new index of each item that is kept; -1 for the others.
@@ -89,11 +88,9 @@ void KeepImages(const Mask& keeps_image, SceneModel* model) {
 
 void KeepBox(const Eigen::AlignedBox3d& box, SceneModel* model) {
   std::vector<Point3D>& points = model->reconstruction.points;
-  points.erase(std::remove_if(points.begin(), points.end(),
-                              [&](const Point3D& point) {
-                                return !box.contains(point.point_in_world);
-                              }),
-               points.end());
+  EraseIf(&points, [&](const Point3D& point) {
+    return !box.contains(point.point_in_world);
+  });
   Mask frame_observes(model->scene.frames.size(), false);
   for (const Point3D& point : points) {
     for (const Observation& o : point.track) {
@@ -113,11 +110,9 @@ Eigen::AlignedBox3d BoxOfQuantiles(const SceneModel& model, double lower,
   MGSFM_CHECK(!points.empty());
   Eigen::AlignedBox3d box;
   for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> values;
-    values.reserve(points.size());
-    for (const Point3D& point : points) {
-      values.push_back(point.point_in_world[axis]);
-    }
+    std::vector<double> values = Transformed(points, [&](const Point3D& point) {
+      return point.point_in_world[axis];
+    });
     std::sort(values.begin(), values.end());
     const auto last = static_cast<double>(values.size() - 1);
     box.min()[axis] = values[static_cast<size_t>(lower * last)];

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
+#include "base/ranges.h"
 #include "report_page/chart_parts.h"
 #include "report_page/encoding.h"
 
@@ -69,11 +69,8 @@ std::string BinColor(const Bin& bin) {
 
 std::vector<int> ChartSensors(const PageModel& model) {
   const auto& sensors = model.statistics.sensors;
-  std::vector<int> chosen(sensors.size());
-  std::iota(chosen.begin(), chosen.end(), 0);
-  std::stable_sort(chosen.begin(), chosen.end(), [&](int a, int b) {
-    return sensors[a].num_images > sensors[b].num_images;
-  });
+  std::vector<int> chosen = Indices(sensors.size());
+  StableSortDescendingBy(&chosen, [&](int a) { return sensors[a].num_images; });
   chosen.resize(std::min(chosen.size(), kMaxSensors));
   std::sort(chosen.begin(), chosen.end());
   return chosen;

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "base/fingerprint.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "report_page/encoding.h"
 #include "report_page/page_selection.h"
@@ -396,10 +397,8 @@ Json AddFixedParts(const PageModel& model, const ShownImages& shown,
   AddFrames(model, shown, origin, arrays);
   AddImages(model, shown, arrays);
   AddConfidence(model, shown, arrays);
-  std::vector<std::string> frame_names;
-  for (const int i : shown.frame_idxs) {
-    frame_names.push_back(scene.frames[i].name);
-  }
+  const std::vector<std::string> frame_names = Transformed(
+      shown.frame_idxs, [&](int i) { return scene.frames[i].name; });
   Json header = {{"title", Shorten(model.input.title, 500)},
                  {"origin", ToJson(origin)},
                  {"box_min", ToJson(box.min() - origin)},

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "math/union_find.h"
 #include "mgsfm/base/mask.h"
@@ -57,17 +58,11 @@ void SeparateUntiedSensors(const Scene& scene, Reconstruction* reconstruction) {
             num_observations.begin(), num_observations.end(),
             [](const auto& a, const auto& b) { return a.second < b.second; })
             ->first;
-    point.track.erase(std::remove_if(point.track.begin(), point.track.end(),
-                                     [&](const Observation& o) {
-                                       return tied.Find(SensorOf(scene, o)) !=
-                                              most;
-                                     }),
-                      point.track.end());
+    EraseIf(&point.track, [&](const Observation& o) {
+      return tied.Find(SensorOf(scene, o)) != most;
+    });
   }
-  points.erase(std::remove_if(
-                   points.begin(), points.end(),
-                   [](const Point3D& point) { return point.track.size() < 2; }),
-               points.end());
+  EraseIf(&points, [](const Point3D& point) { return point.track.size() < 2; });
 }
 
 namespace {

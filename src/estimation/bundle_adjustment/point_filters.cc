@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "geometry/triangulation.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -73,10 +74,9 @@ std::vector<size_t> FirstErrorOfPoints(const Scene& scene,
                                        const Reconstruction& reconstruction) {
   std::vector<size_t> begin = {0};
   for (const Point3D& point : reconstruction.points) {
-    const auto num_registered = std::count_if(
-        point.track.begin(), point.track.end(), [&](const Observation& o) {
-          return reconstruction.IsRegistered(scene, o.image_idx);
-        });
+    const auto num_registered = CountIf(point.track, [&](const Observation& o) {
+      return reconstruction.IsRegistered(scene, o.image_idx);
+    });
     begin.push_back(begin.back() + num_registered);
   }
   return begin;
@@ -159,11 +159,9 @@ bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
 }
 
 bool IsSeenTwice(const Scene& scene, const std::vector<Observation>& track) {
-  std::vector<int> frame_idxs;
-  frame_idxs.reserve(track.size());
-  for (const Observation& o : track) {
-    frame_idxs.push_back(scene.images[o.image_idx].frame_idx);
-  }
+  std::vector<int> frame_idxs = Transformed(track, [&](const Observation& o) {
+    return scene.images[o.image_idx].frame_idx;
+  });
   std::sort(frame_idxs.begin(), frame_idxs.end());
   return std::adjacent_find(frame_idxs.begin(), frame_idxs.end()) !=
          frame_idxs.end();
@@ -176,11 +174,10 @@ bool IsDistanceMeasured(const Scene& scene,
       options.sensor_measures_distances.empty()) {
     return true;
   }
-  const bool can_be_measured =
-      std::any_of(track.begin(), track.end(), [&](const Observation& o) {
-        return options
-            .sensor_measures_distances[scene.images[o.image_idx].sensor_idx];
-      });
+  const bool can_be_measured = AnyOf(track, [&](const Observation& o) {
+    return options
+        .sensor_measures_distances[scene.images[o.image_idx].sensor_idx];
+  });
   return !can_be_measured || IsSeenTwice(scene, track);
 }
 
@@ -231,9 +228,7 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
           sum_of_squares += error * error;
           return false;
         };
-        point.track.erase(
-            std::remove_if(point.track.begin(), point.track.end(), is_outlier),
-            point.track.end());
+        EraseIf(&point.track, is_outlier);
         const std::vector<Eigen::Vector3d> centers = CentersOf(views, point);
         if (static_cast<int>(point.track.size()) <
                 options.min_num_observations ||
@@ -246,10 +241,7 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
         }
       },
       256);
-  points.erase(
-      std::remove_if(points.begin(), points.end(),
-                     [](const Point3D& point) { return point.track.empty(); }),
-      points.end());
+  EraseIf(&points, [](const Point3D& point) { return point.track.empty(); });
 }
 
 double NearestDistance(const std::vector<Eigen::Vector3d>& centers,

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/gauge.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
@@ -160,9 +161,9 @@ FrameSupport FindSupport(const Scene& scene, const Reconstruction& estimate) {
       return scene.images[o.image_idx].frame_idx;
     };
     const int first = frame_of(point.track.front());
-    const bool connects =
-        std::any_of(point.track.begin(), point.track.end(),
-                    [&](const Observation& o) { return frame_of(o) != first; });
+    const bool connects = AnyOf(point.track, [&](const Observation& o) {
+      return frame_of(o) != first;
+    });
     for (const Observation& o : point.track) {
       support.is_observed[frame_of(o)] = true;
       if (connects) support.is_connected[frame_of(o)] = true;
@@ -193,12 +194,9 @@ void DropFramesWithoutSupport(const RefinementInput& input,
                                 : "no point agrees with its images"});
   }
   auto& points = estimate.points;
-  points.erase(std::remove_if(points.begin(), points.end(),
-                              [&](const Point3D& point) {
-                                return !estimate.IsRegistered(
-                                    input.scene, point.track.front().image_idx);
-                              }),
-               points.end());
+  EraseIf(&points, [&](const Point3D& point) {
+    return !estimate.IsRegistered(input.scene, point.track.front().image_idx);
+  });
 }
 
 // Solves; all steps but the first and the last then triangulate again. Returns

@@ -6,6 +6,7 @@
 #include <cstddef>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "geometry/so3.h"
@@ -59,9 +60,7 @@ class Surroundings {
     for (size_t i = 0; i < num_shared.size(); ++i) {
       if (num_shared[i] > 0) neighbors.push_back(static_cast<int>(i));
     }
-    std::stable_sort(neighbors.begin(), neighbors.end(), [&](int a, int b) {
-      return num_shared[a] > num_shared[b];
-    });
+    StableSortDescendingBy(&neighbors, [&](int a) { return num_shared[a]; });
     if (neighbors.size() > kMaxNumNeighbors) {
       neighbors.resize(kMaxNumNeighbors);
     }
@@ -77,16 +76,13 @@ class Surroundings {
       part.rig_from_world[i] = model_.rig_from_world[i];
       idxs.insert(idxs.end(), point_idxs_[i].begin(), point_idxs_[i].end());
     }
-    std::sort(idxs.begin(), idxs.end());
-    idxs.erase(std::unique(idxs.begin(), idxs.end()), idxs.end());
+    SortUnique(&idxs);
     for (const size_t i : idxs) {
       Point3D point = model_.points[i];
       const auto is_elsewhere = [&](const Observation& o) {
         return !part.rig_from_world[FrameOf(o)].has_value();
       };
-      point.track.erase(
-          std::remove_if(point.track.begin(), point.track.end(), is_elsewhere),
-          point.track.end());
+      EraseIf(&point.track, is_elsewhere);
       if (IsBetweenFrames(point)) part.points.push_back(std::move(point));
     }
     return part;
@@ -95,10 +91,9 @@ class Surroundings {
   // Points in a single frame do not constrain its pose, because sensors are
   // constant.
   bool IsBetweenFrames(const Point3D& point) const {
-    return std::any_of(point.track.begin(), point.track.end(),
-                       [&](const Observation& o) {
-                         return FrameOf(o) != FrameOf(point.track.front());
-                       });
+    return AnyOf(point.track, [&](const Observation& o) {
+      return FrameOf(o) != FrameOf(point.track.front());
+    });
   }
 
   const Scene& scene_;

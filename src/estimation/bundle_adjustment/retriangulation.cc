@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "geometry/triangulation.h"
 #include "math/index_groups.h"
@@ -174,15 +175,11 @@ bool IsAcceptable(const Scene& scene, const Candidates& candidates,
                  options)) {
     return false;
   }
-  std::vector<Eigen::Vector3d> centers;
-  for (const int i : hypothesis.inliers) {
-    centers.push_back(candidates[i].view->center);
-  }
+  const std::vector<Eigen::Vector3d> centers = Transformed(
+      hypothesis.inliers, [&](int i) { return candidates[i].view->center; });
   if (!IsWellPlaced(centers, hypothesis.point, options)) return false;
-  std::vector<Observation> track;
-  for (const int i : hypothesis.inliers) {
-    track.push_back(candidates[i].observation);
-  }
+  const std::vector<Observation> track = Transformed(
+      hypothesis.inliers, [&](int i) { return candidates[i].observation; });
   return IsDistanceMeasured(
       scene, track, NearestDistance(centers, hypothesis.point), options);
 }

@@ -10,6 +10,7 @@
 #include <set>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "georegistration/position_registration.h"
 #include "math/robust_loss.h"
@@ -142,11 +143,9 @@ Vector3d ResidualOf(const PoseGraph& graph, const PositionTerm& term) {
 
 // A quantile of the distances to the positions, in standard deviations.
 double DistanceQuantile(const PoseGraph& graph, double q) {
-  std::vector<double> distances;
-  distances.reserve(graph.positions.size());
-  for (const PositionTerm& term : graph.positions) {
-    distances.push_back(ResidualOf(graph, term).norm());
-  }
+  std::vector<double> distances = Transformed(
+      graph.positions,
+      [&](const PositionTerm& term) { return ResidualOf(graph, term).norm(); });
   return Quantile(std::move(distances), q);
 }
 
@@ -372,10 +371,9 @@ ModelDeformation Summarize(const PoseGraph& graph) {
 // Scale does not drift in a rig that sees the scene from several centers.
 bool ScaleDrifts(const Reconstruction& model, bool is_metric) {
   return !is_metric &&
-         std::all_of(model.sensor_from_rig.begin(), model.sensor_from_rig.end(),
-                     [](const std::optional<Rigid3>& pose) {
-                       return !pose || pose->translation.isZero(0.0);
-                     });
+         AllOf(model.sensor_from_rig, [](const std::optional<Rigid3>& pose) {
+           return !pose || pose->translation.isZero(0.0);
+         });
 }
 
 }  // namespace

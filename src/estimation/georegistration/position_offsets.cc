@@ -2,11 +2,11 @@
 #include "georegistration/position_offsets.h"
 
 #include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "georegistration/position_registration.h"
@@ -205,10 +205,9 @@ class OffsetFit {
 
   Equations MakeEquations(const Unknowns& unknowns,
                           std::optional<size_t> left_out) const {
-    std::vector<double> lengths;
-    for (const Sample& sample : samples_) {
-      lengths.push_back(LengthOf(sample, unknowns));
-    }
+    const std::vector<double> lengths = Transformed(
+        samples_,
+        [&](const Sample& sample) { return LengthOf(sample, unknowns); });
     const double bound = OutlierBound(Median(lengths));
     Equations equations;
     for (size_t i = 0; i < samples_.size(); ++i) {
@@ -307,8 +306,7 @@ PositionOffsets EstimatePositionOffsets(const Scene& scene,
                                         bool is_metric) {
   std::vector<Sample> samples = CollectSamples(scene, priors, reconstruction);
   const bool have_times =
-      std::all_of(samples.begin(), samples.end(),
-                  [](const Sample& s) { return s.time_s.has_value(); });
+      AllOf(samples, [](const Sample& s) { return s.time_s.has_value(); });
   if (have_times) samples = AddVelocities(samples);
   if (samples.size() < kNumBlocks * kMinSamplesPerBlock) return {};
   const OffsetFit fit(samples, is_metric);

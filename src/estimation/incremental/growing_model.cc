@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -218,9 +219,7 @@ std::vector<int> GrowingModel::TracksOf(
       }
     }
   }
-  std::sort(track_idxs.begin(), track_idxs.end());
-  track_idxs.erase(std::unique(track_idxs.begin(), track_idxs.end()),
-                   track_idxs.end());
+  SortUnique(&track_idxs);
   return track_idxs;
 }
 

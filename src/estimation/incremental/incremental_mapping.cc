@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "incremental/growing_model.h"
 #include "incremental/loop_closure.h"
 #include "incremental/sensor_placement.h"
@@ -247,10 +248,8 @@ std::vector<std::vector<TrackKeypoint>> KeypointsOf(
 
 // Known poses, and the reference sensors.
 std::vector<std::optional<Rigid3>> KnownSensors(const Scene& scene) {
-  std::vector<std::optional<Rigid3>> poses;
-  for (const Sensor& sensor : scene.sensors) {
-    poses.push_back(sensor.sensor_from_rig);
-  }
+  std::vector<std::optional<Rigid3>> poses =
+      Transformed(scene.sensors, &Sensor::sensor_from_rig);
   for (const Rig& rig : scene.rigs) poses[rig.ref_sensor_idx] = Rigid3();
   return poses;
 }
@@ -258,9 +257,9 @@ std::vector<std::optional<Rigid3>> KnownSensors(const Scene& scene) {
 // A start can place a sensor by the pair of images of one frame.
 void NotePlaced(int sensor_idx, IncrementalSummary* summary) {
   auto& placed = summary->placed_sensors;
-  const bool is_noted = std::any_of(
-      placed.begin(), placed.end(),
-      [&](const PlacedSensor& s) { return s.sensor_idx == sensor_idx; });
+  const bool is_noted = AnyOf(placed, [&](const PlacedSensor& s) {
+    return s.sensor_idx == sensor_idx;
+  });
   if (!is_noted) placed.push_back({sensor_idx, 1});
 }
 
@@ -297,11 +296,9 @@ IncrementalResult MapIncrementally(
     }
   }
   auto& rejected = result.rejected;
-  rejected.erase(std::remove_if(rejected.begin(), rejected.end(),
-                                [&](const ResectedFrame& frame) {
-                                  return frame_is_taken[frame.frame_idx];
-                                }),
-                 rejected.end());
+  EraseIf(&rejected, [&](const ResectedFrame& frame) {
+    return frame_is_taken[frame.frame_idx];
+  });
   return result;
 }
 

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <utility>
 
+#include "base/ranges.h"
 #include "georegistration/pose_graph_deformation.h"
 #include "registration/unit_resection.h"
 
@@ -23,9 +24,8 @@ constexpr size_t kNumAnchors = 10;
 constexpr double kAnchorSigma = 1e-3;
 
 std::vector<CameraPoints> PointsOf(const MatchesOfCameras& matches) {
-  std::vector<CameraPoints> points;
-  for (const auto& of_camera : matches) points.push_back(of_camera.points);
-  return points;
+  return Transformed(matches,
+                     [](const auto& of_camera) { return of_camera.points; });
 }
 
 // The matches whose errors are within the bound, or beyond it.
@@ -85,8 +85,7 @@ std::vector<int> AnchorsOf(const std::vector<int>& counts,
   for (size_t i = 0; i < counts.size(); ++i) {
     if (counts[i] > other_counts[i]) frame_idxs.push_back(static_cast<int>(i));
   }
-  std::stable_sort(frame_idxs.begin(), frame_idxs.end(),
-                   [&](int a, int b) { return counts[a] > counts[b]; });
+  StableSortDescendingBy(&frame_idxs, [&](int a) { return counts[a]; });
   frame_idxs.resize(std::min(frame_idxs.size(), kNumAnchors));
   return frame_idxs;
 }

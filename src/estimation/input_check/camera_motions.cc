@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -118,9 +119,7 @@ std::vector<std::pair<int, int>> SelectMotions(const Motions& motions) {
   }
   std::sort(order.begin(), order.end());
   order.resize(std::min(order.size(), kMaxNumMotions));
-  std::vector<std::pair<int, int>> keys;
-  for (const auto& [negative_norm, frames] : order) keys.push_back(frames);
-  return keys;
+  return Transformed(order, [](const auto& entry) { return entry.second; });
 }
 
 // The mean without the largest tenth: motions across an impact on the rig do
@@ -166,12 +165,10 @@ std::optional<LagFit> FitLag(const Motions& a, const Motions& b,
 
 std::vector<double> AxisErrors(const LagFit& fit, const Motions& a,
                                const Motions& b, const Quaterniond& b_from_a) {
-  std::vector<double> errors_rad;
-  for (const auto& [key, error] : fit.errors) {
-    errors_rad.push_back(
-        AngleBetween(b.at(key).rotation, b_from_a * a.at(key).rotation));
-  }
-  return errors_rad;
+  return Transformed(fit.errors, [&](const auto& error) {
+    return AngleBetween(b.at(error.first).rotation,
+                        b_from_a * a.at(error.first).rotation);
+  });
 }
 
 double ShareBetter(const LagFit& fit, const LagFit& reference) {
@@ -377,10 +374,8 @@ Finding DescribeMirrored(const std::string& a, const std::string& b,
 
 std::vector<MotionAgreement> CompareMotions(const Scene& scene,
                                             const ViewGraph& view_graph) {
-  std::vector<CheckedMotions> motions;
-  for (const Motions& of_sensor : CollectMotions(scene, view_graph)) {
-    motions.push_back(CheckCycles(of_sensor));
-  }
+  const std::vector<CheckedMotions> motions =
+      Transformed(CollectMotions(scene, view_graph), CheckCycles);
   std::vector<MotionAgreement> result;
   for (const Rig& rig : scene.rigs) {
     int reference = rig.ref_sensor_idx;

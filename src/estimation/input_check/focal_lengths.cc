@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "input_check/focal_lengths.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "math/robust_scale.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/view_graph/focal_length_calibration.h"
@@ -100,13 +100,11 @@ std::vector<Finding> CheckTrustedFocalLengths(const Scene& scene,
                                               const ViewGraph& view_graph,
                                               const Context& context) {
   std::vector<Finding> findings;
-  const bool has_prior =
-      std::any_of(scene.cameras.begin(), scene.cameras.end(),
-                  [](const Camera& c) { return c.has_prior_focal_length; });
+  const bool has_prior = AnyOf(
+      scene.cameras, [](const Camera& c) { return c.has_prior_focal_length; });
   if (!has_prior) return findings;
   const auto few = MeasureFocalLengths(scene, view_graph, kFewPairs, context);
-  if (std::none_of(few.begin(), few.end(),
-                   [&](const auto& m) { return IsWrong(scene, m); })) {
+  if (NoneOf(few, [&](const auto& m) { return IsWrong(scene, m); })) {
     return findings;
   }
   for (const FocalLengthMeasurement& m :

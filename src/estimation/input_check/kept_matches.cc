@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "input_check/kept_matches.h"
 
-#include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "input_check/rig_samples.h"
 #include "math/robust_scale.h"
 #include "mgsfm/tracks/track_establishment.h"
@@ -45,12 +45,9 @@ Finding DescribeSensor(const std::string& name, const KeptCount& count) {
 std::vector<std::vector<int>> FindStretches(const Scene& scene,
                                             const KeptMatches& kept) {
   const std::vector<int> rank = RankFrames(scene);
-  std::vector<int> order(scene.frames.size());
-  for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<int>(i);
-  std::sort(order.begin(), order.end(), [&](int a, int b) {
-    return std::pair(scene.frames[a].rig_idx, rank[a]) <
-           std::pair(scene.frames[b].rig_idx, rank[b]);
-  });
+  std::vector<int> order = Indices(scene.frames.size());
+  SortBy(&order,
+         [&](int a) { return std::pair(scene.frames[a].rig_idx, rank[a]); });
   std::vector<std::vector<int>> stretches;
   bool is_open = false;
   for (const int frame_idx : order) {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -39,10 +40,8 @@ std::string Quoted(const std::string& name) { return "'" + name + "'"; }
 Vector3d MedianVector(const std::vector<Vector3d>& vectors) {
   Vector3d median;
   for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> values;
-    values.reserve(vectors.size());
-    for (const Vector3d& v : vectors) values.push_back(v[axis]);
-    median[axis] = Median(std::move(values));
+    median[axis] = Median(
+        Transformed(vectors, [&](const Vector3d& v) { return v[axis]; }));
   }
   return median;
 }
@@ -55,11 +54,9 @@ struct Stretch {
 
 Stretch Summarize(const std::vector<Vector3d>& residuals) {
   Stretch stretch{MedianVector(residuals), 0.0};
-  std::vector<double> deviations;
-  for (const Vector3d& r : residuals) {
-    deviations.push_back((r - stretch.median).norm());
-  }
-  stretch.sigma = RobustSigma<3>(std::move(deviations));
+  stretch.sigma = RobustSigma<3>(Transformed(residuals, [&](const Vector3d& r) {
+    return (r - stretch.median).norm();
+  }));
   return stretch;
 }
 
@@ -104,8 +101,7 @@ int FindCulprit(const std::vector<RigMove>& moves, int num_sensors) {
   std::ptrdiff_t most = 0;
   for (int sensor = 0; sensor < num_sensors; ++sensor) {
     const auto count =
-        std::count_if(moves.begin(), moves.end(),
-                      [&](const RigMove& m) { return m.Concerns(sensor); });
+        CountIf(moves, [&](const RigMove& m) { return m.Concerns(sensor); });
     if (count < most) continue;
     most = count;
     culprit = sensor;

@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/mean_direction.h"
 #include "rotation_averaging/geodesic_median.h"
 
@@ -151,10 +152,8 @@ std::vector<SensorPairSamples> CollectRigSamples(const Scene& scene,
     for (const auto& [frame_idx, samples] : frames) {
       of_pair.samples.push_back(SelectSample(samples));
     }
-    std::sort(of_pair.samples.begin(), of_pair.samples.end(),
-              [&](const RigSample& x, const RigSample& y) {
-                return rank[x.frame_idx] < rank[y.frame_idx];
-              });
+    SortBy(&of_pair.samples,
+           [&](const RigSample& x) { return rank[x.frame_idx]; });
   }
   return result;
 }
@@ -162,10 +161,9 @@ std::vector<SensorPairSamples> CollectRigSamples(const Scene& scene,
 std::optional<TypicalRigPose> FindTypicalPose(
     const std::vector<RigSample>& samples) {
   if (samples.empty()) return std::nullopt;
-  std::vector<Quaterniond> rotations;
-  for (const RigSample& sample : samples) rotations.push_back(sample.b_from_a);
   const GeodesicMedian median = FindGeodesicMedian(
-      rotations, std::vector<double>(samples.size(), 1.0), kSameRotationRad);
+      Transformed(samples, &RigSample::b_from_a),
+      std::vector<double>(samples.size(), 1.0), kSameRotationRad);
   TypicalRigPose typical{median.rotation, std::nullopt,
                          median.median_deviation_rad};
   std::vector<Vector3d> directions;

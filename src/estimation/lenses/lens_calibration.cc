@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/residual_field.h"
 #include "math/robust_scale.h"
 #include "mgsfm/base/mask.h"
@@ -229,19 +230,17 @@ double Adopt(const Reconstruction& model,
 bool DeterminesAll(const LensSummary& summary, const LensModel& model) {
   const auto& checks = model.focal_lengths;
   return checks.size() >= summary.lenses.size() &&
-         std::all_of(checks.begin(), checks.end(),
-                     [](const auto& check) { return check.message.empty(); });
+         AllOf(checks, [](const auto& check) { return check.message.empty(); });
 }
 
 // The expected change of the lenses by the next round.
 double NextChange(const LensModel& model, double change_px,
                   const BundleAdjustmentOptions& options) {
   const auto& checks = model.focal_lengths;
-  const bool are_certain =
-      std::all_of(checks.begin(), checks.end(), [&](const auto& check) {
-        return check.relative_sigma &&
-               *check.relative_sigma <= options.max_focal_length_sigma;
-      });
+  const bool are_certain = AllOf(checks, [&](const auto& check) {
+    return check.relative_sigma &&
+           *check.relative_sigma <= options.max_focal_length_sigma;
+  });
   return are_certain ? kChangeByNextRound * change_px : change_px;
 }
 
@@ -301,12 +300,9 @@ void LogLenses(const Scene& scene, const LensResult& result,
 }  // namespace
 
 bool NeedsLenses(const Scene& scene, const FocalLengthOptions& options) {
-  return options.calibrate &&
-         std::any_of(scene.cameras.begin(), scene.cameras.end(),
-                     [](const Camera& camera) {
-                       return !camera.has_prior_focal_length ||
-                              HasLensOfExif(camera);
-                     });
+  return options.calibrate && AnyOf(scene.cameras, [](const Camera& camera) {
+           return !camera.has_prior_focal_length || HasLensOfExif(camera);
+         });
 }
 
 void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 
@@ -62,9 +63,7 @@ StepHypotheses SortedByShare(const StepHypotheses& step, bool has_distance) {
   for (const MotionHypothesis& h : step) {
     if (h.free_direction.has_value() != has_distance) sorted.push_back(h);
   }
-  std::stable_sort(
-      sorted.begin(), sorted.end(),
-      [](const auto& a, const auto& b) { return a.share > b.share; });
+  StableSortDescendingBy(&sorted, [](const auto& a) { return a.share; });
   return sorted;
 }
 
@@ -389,13 +388,12 @@ bool Continues(const Steps& steps, const Velocity& rival,
     return SquaredChange(from, steps.VelocityAfter(from.linear, neighbor, to),
                          steps.noise);
   };
-  return std::any_of(
-      candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
-        const double of_rival = change(rival, candidate);
-        return of_rival <= kMaxSquaredChange &&
-               (change(strongest, candidate) > of_rival + kMaxSquaredChange ||
-                IsRival(steps, neighbor, candidate, Strongest(candidates)));
-      });
+  return AnyOf(candidates, [&](const Candidate& candidate) {
+    const double of_rival = change(rival, candidate);
+    return of_rival <= kMaxSquaredChange &&
+           (change(strongest, candidate) > of_rival + kMaxSquaredChange ||
+            IsRival(steps, neighbor, candidate, Strongest(candidates)));
+  });
 }
 
 // The distances to try for a step of this duration.
@@ -550,7 +548,7 @@ bool HasRivals(const Steps& steps, size_t k) {
   const Candidate& strongest = Strongest(step);
   const MeasuredMotion motion = steps.MotionOf(k, strongest);
   const Velocity velocity = VelocityOf(motion, steps.durations[k]);
-  return std::any_of(step.begin(), step.end(), [&](const Candidate& candidate) {
+  return AnyOf(step, [&](const Candidate& candidate) {
     const Velocity rival =
         VelocityOf(candidate.ClosestTo(motion.later_from_earlier.Center()),
                    steps.durations[k]);

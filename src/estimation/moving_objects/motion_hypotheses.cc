@@ -8,6 +8,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "math/robust_scale.h"
 #include "moving_objects/motion_candidates.h"
@@ -182,14 +183,13 @@ void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
     return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
                        h.later_from_earlier, strongest.later_from_earlier);
   };
-  std::vector<MotionExclusion> exclusions;
-  for (const MotionHypothesis& h : *by_depth) exclusions.push_back(compare(h));
+  const std::vector<MotionExclusion> exclusions =
+      Transformed(*by_depth, compare);
   const auto is_excluded = [](const MotionExclusion& exclusion) {
     return exclusion.share >= kContestingShare;
   };
-  if (std::any_of(exclusions.begin(), exclusions.end(), is_excluded) ||
-      std::any_of(of_pairs.begin(), of_pairs.end(),
-                  [&](const auto& h) { return is_excluded(compare(h)); })) {
+  if (AnyOf(exclusions, is_excluded) ||
+      AnyOf(of_pairs, [&](const auto& h) { return is_excluded(compare(h)); })) {
     return;
   }
   for (size_t i = 0; i < by_depth->size(); ++i) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "math/statistics.h"
 #include "moving_objects/frame_depths.h"
 #include "moving_objects/motion_continuity.h"
@@ -91,9 +92,7 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
       if (pair) expected.push_back(*pair);
     }
   }
-  std::sort(expected.begin(), expected.end(), [](const auto& a, const auto& b) {
-    return a.pair_idx < b.pair_idx;
-  });
+  SortBy(&expected, [](const auto& a) { return a.pair_idx; });
   return expected;
 }
 
@@ -484,9 +483,9 @@ MotionOfScene FindMovingObjects(const MotionInput& input,
   FrameDepths depths = MeasureFrameDepths(
       input, {min_parallax_deg, kKeypointNoise * verification.max_error_px},
       context);
-  const bool has_depths = std::any_of(
-      depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
-      [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
+  const bool has_depths =
+      AnyOf(depths.cam_from_rig,
+            [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
   for (size_t i = 0; i < depths.cam_from_rig.size() && !has_depths; ++i) {
     const auto& rotation = input.rotations.sensor_from_rig[i];
     if (rotation) depths.cam_from_rig[i] = {*rotation, Vector3d::Zero()};

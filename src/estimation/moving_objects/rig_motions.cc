@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/absolute_pose.h"
 #include "geometry/epipolar.h"
 #include "math/robust_scale.h"
@@ -151,11 +152,8 @@ MeasuredMotion MeasureMotion(const Correspondences& all, const Rigid3& pose) {
 
 double MedianDistance(const std::vector<Vector3d>& points,
                       const Vector3d& center) {
-  std::vector<double> distances;
-  for (const Vector3d& point : points) {
-    distances.push_back((point - center).norm());
-  }
-  return Median(std::move(distances));
+  return Median(Transformed(
+      points, [&](const Vector3d& point) { return (point - center).norm(); }));
 }
 
 // Measures the reach of each motion by the points that agree with it alone.
@@ -173,9 +171,8 @@ void MeasureReach(const Correspondences& all, StepHypotheses* motions) {
   for (size_t h = 0; h < motions->size(); ++h) {
     std::vector<Vector3d> own;
     for (size_t k = 0; k < points.size(); ++k) {
-      const auto num_agreeing = std::count_if(
-          errors.begin(), errors.end(),
-          [k](const auto& errors_of) { return errors_of[k] <= 1.0; });
+      const auto num_agreeing = CountIf(
+          errors, [k](const auto& errors_of) { return errors_of[k] <= 1.0; });
       if (errors[h][k] <= 1.0 && num_agreeing == 1) own.push_back(points[k]);
     }
     if (own.size() < kMinNumAgreeing) continue;

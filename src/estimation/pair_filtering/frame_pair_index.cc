@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/random.h"
+#include "base/ranges.h"
 
 namespace mgsfm {
 namespace {
@@ -178,12 +179,9 @@ std::vector<int> MeasureReaches(
 }
 
 std::vector<MatchedImages> CountMatches(const ViewGraph& view_graph) {
-  std::vector<MatchedImages> pairs;
-  pairs.reserve(view_graph.pairs.size());
-  for (const ImagePair& pair : view_graph.pairs) {
-    pairs.push_back({pair.image_idx1, pair.image_idx2, pair.matches.size()});
-  }
-  return pairs;
+  return Transformed(view_graph.pairs, [](const ImagePair& pair) {
+    return MatchedImages{pair.image_idx1, pair.image_idx2, pair.matches.size()};
+  });
 }
 
 }  // namespace

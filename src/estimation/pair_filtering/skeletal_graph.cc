@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "pair_filtering/triplet_consistency.h"
@@ -36,12 +37,9 @@ struct Skeleton {
 };
 
 std::vector<int> NumMatchesOfPairs(const ViewGraph& view_graph) {
-  std::vector<int> num_matches;
-  num_matches.reserve(view_graph.pairs.size());
-  for (const ImagePair& pair : view_graph.pairs) {
-    num_matches.push_back(static_cast<int>(pair.matches.size()));
-  }
-  return num_matches;
+  return Transformed(view_graph.pairs, [](const ImagePair& pair) {
+    return static_cast<int>(pair.matches.size());
+  });
 }
 
 // Per pair of images: the strength of its frames; 0 for pairs that are not

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "mgsfm/base/error.h"
@@ -160,11 +161,9 @@ std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
   // must still close. Small steps drop the worst pairs before the others are
   // judged. docs/results/constants.md compares other numbers of steps.
   constexpr double kDivisors[] = {1.0, 2.0, 4.0, 10.0};
-  std::vector<double> bounds;
-  for (const double divisor : kDivisors) {
-    bounds.push_back(options.max_baseline_drift / divisor);
-  }
-  return bounds;
+  return Transformed(kDivisors, [&](double divisor) {
+    return options.max_baseline_drift / divisor;
+  });
 }
 
 Mask FindInconsistentPairs(const ViewGraph& view_graph,

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/natural_order.h"
+#include "base/ranges.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -21,9 +22,9 @@ namespace {
 constexpr double kMaxInterval = 10.0;
 
 bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
-  return std::all_of(frame_idxs.begin(), frame_idxs.end(), [&](int frame_idx) {
+  return AllOf(frame_idxs, [&](int frame_idx) {
     const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
-    return std::all_of(images.begin(), images.end(), [&](int image_idx) {
+    return AllOf(images, [&](int image_idx) {
       return scene.images[image_idx].timestamp_s.has_value();
     });
   });
@@ -34,8 +35,7 @@ using Intervals = std::vector<std::optional<double>>;
 
 Intervals SortByTime(const Scene& scene, std::vector<int>* frame_idxs) {
   const auto time_of = [&](int i) { return TimeOfFrame(scene, i); };
-  std::stable_sort(frame_idxs->begin(), frame_idxs->end(),
-                   [&](int a, int b) { return time_of(a) < time_of(b); });
+  StableSortBy(frame_idxs, time_of);
   Intervals intervals;
   for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
     intervals.emplace_back(time_of((*frame_idxs)[k + 1]) -
@@ -111,9 +111,8 @@ TemporalOrder::TemporalOrder(const Scene& scene)
   }
   for (std::vector<int>& frames : sequences_) {
     const Intervals intervals = SortFrames(scene, &frames);
-    const bool are_unknown =
-        std::none_of(intervals.begin(), intervals.end(),
-                     [](const auto& interval) { return interval.has_value(); });
+    const bool are_unknown = NoneOf(
+        intervals, [](const auto& interval) { return interval.has_value(); });
     for (size_t rank = 0; rank < frames.size(); ++rank) {
       rank_of_frame_[frames[rank]] = static_cast<int>(rank);
       if (rank == 0) continue;

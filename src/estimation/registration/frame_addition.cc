@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "registration/frame_addition.h"
 
-#include <algorithm>
 #include <cstddef>
 #include <string>
 
+#include "base/ranges.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
 
@@ -25,7 +25,7 @@ std::vector<size_t> PointsSeenBy(const Mask& frame_is_new, const Scene& scene,
   std::vector<size_t> point_idxs;
   for (size_t i = 0; i < model.points.size(); ++i) {
     const std::vector<Observation>& track = model.points[i].track;
-    if (std::any_of(track.begin(), track.end(), [&](const Observation& o) {
+    if (AnyOf(track, [&](const Observation& o) {
           return frame_is_new[scene.images[o.image_idx].frame_idx];
         })) {
       point_idxs.push_back(i);
@@ -99,11 +99,10 @@ std::optional<Mask> AddPass(const PassInput& input, ExtendedModel* extended) {
 }
 
 bool HasNewKnownRig(const Scene& scene, const Reconstruction& start) {
-  return std::any_of(
-      scene.sensors.begin(), scene.sensors.end(), [&](const Sensor& sensor) {
-        const int ref_idx = scene.rigs[sensor.rig_idx].ref_sensor_idx;
-        return HasKnownLength(sensor) && !start.sensor_from_rig[ref_idx];
-      });
+  return AnyOf(scene.sensors, [&](const Sensor& sensor) {
+    const int ref_idx = scene.rigs[sensor.rig_idx].ref_sensor_idx;
+    return HasKnownLength(sensor) && !start.sensor_from_rig[ref_idx];
+  });
 }
 
 }  // namespace

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "registration/side_motion.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <utility>
 
 #include "base/random.h"
+#include "base/ranges.h"
 #include "geometry/absolute_pose.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "registration/point_matches.h"
@@ -25,17 +25,13 @@ Reconstruction SideOf(const SidesInput& input, bool is_beyond) {
   std::vector<Point3D> points;
   for (Point3D& point : side.points) {
     auto& track = point.track;
-    track.erase(std::remove_if(track.begin(), track.end(),
-                               [&](const Observation& o) {
-                                 return input.IsBeyond(o.image_idx) !=
-                                        is_beyond;
-                               }),
-                track.end());
-    const bool has_frames =
-        std::any_of(track.begin(), track.end(), [&](const Observation& o) {
-          return scene.images[o.image_idx].frame_idx !=
-                 scene.images[track.front().image_idx].frame_idx;
-        });
+    EraseIf(&track, [&](const Observation& o) {
+      return input.IsBeyond(o.image_idx) != is_beyond;
+    });
+    const bool has_frames = AnyOf(track, [&](const Observation& o) {
+      return scene.images[o.image_idx].frame_idx !=
+             scene.images[track.front().image_idx].frame_idx;
+    });
     if (has_frames) points.push_back(std::move(point));
   }
   side.points = std::move(points);

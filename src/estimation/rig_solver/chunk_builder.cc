@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <numeric>
 #include <tuple>
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -131,10 +131,7 @@ std::vector<int> SortPoints(const RigProblemBase& problem,
       },
       1024);
   std::sort(keys.begin(), keys.end());
-  std::vector<int> order;
-  order.reserve(num_points);
-  for (const auto& [key, point] : keys) order.push_back(point);
-  return order;
+  return Transformed(keys, [](const auto& entry) { return entry.second; });
 }
 
 // Orders terms by the frames of their images.
@@ -146,10 +143,8 @@ std::vector<int> SortTerms(const RigProblemBase& problem) {
     return std::make_tuple(std::min(frame1, frame2), std::max(frame1, frame2),
                            t);
   };
-  std::vector<int> order(problem.baselines.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(),
-            [&](int a, int b) { return key(a) < key(b); });
+  std::vector<int> order = Indices(problem.baselines.size());
+  SortBy(&order, key);
   return order;
 }
 

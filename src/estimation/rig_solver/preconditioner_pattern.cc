@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "mgsfm/base/mask.h"
 #include "rig_solver/chunk_groups.h"
 
@@ -31,9 +32,7 @@ PreconditionerPattern::PreconditionerPattern(
     const auto key = [a](const Neighbor& n) {
       return std::make_tuple(-n.weight, std::abs(n.block - a), n.block);
     };
-    std::sort(
-        all[a].begin(), all[a].end(),
-        [&](const Neighbor& m, const Neighbor& n) { return key(m) < key(n); });
+    SortBy(&all[a], key);
     for (size_t i = 0; i < all[a].size(); ++i) {
       const auto [b, weight] = all[a][i];
       if (i >= static_cast<size_t>(num_kept) && weight != kInfiniteWeight) {
@@ -44,8 +43,7 @@ PreconditionerPattern::PreconditionerPattern(
     }
   }
   for (std::vector<int>& blocks : neighbors_) {
-    std::sort(blocks.begin(), blocks.end());
-    blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
+    SortUnique(&blocks);
   }
 }
 
@@ -132,10 +130,10 @@ std::vector<WeightedPair> PointPartitioner::WeightsOfChunk(
 // Sums the weights over all chunks.
 void PointPartitioner::WeighPairs(
     const std::vector<BlockPairKey>& inseparable) {
-  std::vector<WeightedPair> added;
-  for (const BlockPairKey pair : inseparable) {
-    added.push_back({ColumnOf(pair), RowOf(pair), kInfiniteWeight});
-  }
+  std::vector<WeightedPair> added =
+      Transformed(inseparable, [&](BlockPairKey pair) {
+        return WeightedPair{ColumnOf(pair), RowOf(pair), kInfiniteWeight};
+      });
   for (size_t first = 0; first < s_.chunks.size(); first += kNumChunksAtATime) {
     std::vector<std::vector<WeightedPair>> of_chunks(
         std::min(kNumChunksAtATime, s_.chunks.size() - first));
@@ -194,9 +192,9 @@ void PointPartitioner::CutPoint(const PreconditionerPattern& pattern,
       if (!block_is_border_[block]) blocks.push_back(block);
     }
     const auto fits = [&](const Part& part) {
-      return std::all_of(blocks.begin(), blocks.end(), [&](int a) {
-        return std::all_of(part.blocks.begin(), part.blocks.end(),
-                           [&](int b) { return IsStrong(pattern, a, b); });
+      return AllOf(blocks, [&](int a) {
+        return AllOf(part.blocks,
+                     [&](int b) { return IsStrong(pattern, a, b); });
       });
     };
     auto part = std::find_if(parts.begin(), parts.end(), fits);

@@ -3,6 +3,7 @@
 #include <cstdint>
 
 #include "base/cpu_features.h"
+#include "base/ranges.h"
 #include "rig_solver/residuals.h"
 #include "rig_solver/rig_equations.h"
 #include "rig_solver/schur_passes.h"
@@ -12,10 +13,8 @@ namespace {
 
 template <class Problem>
 std::vector<int> ImagesOf(const Problem& problem) {
-  std::vector<int> images;
-  images.reserve(problem.observations.size());
-  for (const auto& o : problem.observations) images.push_back(o.image);
-  return images;
+  return Transformed(problem.observations,
+                     [](const auto& o) { return o.image; });
 }
 
 }  // namespace

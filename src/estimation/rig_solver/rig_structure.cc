@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "math/sparse_solver.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
@@ -23,11 +24,6 @@ int NumBlocks(const RigStructure& s) {
   return static_cast<int>(s.block_size.size());
 }
 
-void SortUnique(Pairs* pairs) {
-  std::sort(pairs->begin(), pairs->end());
-  pairs->erase(std::unique(pairs->begin(), pairs->end()), pairs->end());
-}
-
 BlockPairKey MakeSortedPair(int a, int b) {
   return MakeBlockPairKey(std::min(a, b), std::max(a, b));
 }
@@ -35,7 +31,7 @@ BlockPairKey MakeSortedPair(int a, int b) {
 // 6 if any rotation is free, otherwise 3.
 int ChoosePoseSize(const RigProblemBase& problem) {
   const auto any_rotation_is_free = [](const std::vector<PoseMask>& masks) {
-    return std::any_of(masks.begin(), masks.end(), [](const PoseMask& mask) {
+    return AnyOf(masks, [](const PoseMask& mask) {
       return !mask.head<3>().isZero(0.0);
     });
   };
@@ -359,11 +355,8 @@ void PlaceBlocks(const Mask& is_border, ReducedGraph graph, RigStructure* s) {
 std::vector<int> SortBlocksOfChunk(const ChunkRanges& chunk, RigStructure* s) {
   const size_t num_blocks = chunk.blocks.size();
   int* blocks = s->chunk_blocks.data() + chunk.blocks.begin;
-  std::vector<int> order(num_blocks), position(num_blocks);
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(), [&](int a, int b) {
-    return s->block_rank[blocks[a]] < s->block_rank[blocks[b]];
-  });
+  std::vector<int> order = Indices(num_blocks), position(num_blocks);
+  SortBy(&order, [&](int a) { return s->block_rank[blocks[a]]; });
   std::vector<int> sorted;
   size_t num_unknowns = 0;
   for (size_t k = 0; k < num_blocks; ++k) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/ranges.h"
 #include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/robust_loss.h"
@@ -35,12 +36,9 @@ Quaterniond SolveWahba(const std::vector<MotionPair>& motions,
 
 std::vector<double> ErrorNorms(const std::vector<MotionPair>& motions,
                                const Quaterniond& a_from_b) {
-  std::vector<double> norms;
-  norms.reserve(motions.size());
-  for (const MotionPair& motion : motions) {
-    norms.push_back((motion.alpha - a_from_b * motion.beta).norm());
-  }
-  return norms;
+  return Transformed(motions, [&](const MotionPair& motion) {
+    return (motion.alpha - a_from_b * motion.beta).norm();
+  });
 }
 
 double SecondAxisRms(const std::vector<MotionPair>& motions,

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <numeric>
 #include <vector>
 
+#include "base/ranges.h"
 #include "georegistration/gravity_leveling.h"
 #include "math/graph.h"
 #include "mgsfm/base/error.h"
@@ -30,10 +30,8 @@ ConnectedComponents FindFrameComponents(const Scene& scene,
 
 // Per component: its position by descending size, then by first frame.
 std::vector<int> RankBySize(const std::vector<int>& sizes) {
-  std::vector<int> by_size(sizes.size());
-  std::iota(by_size.begin(), by_size.end(), 0);
-  std::stable_sort(by_size.begin(), by_size.end(),
-                   [&](int a, int b) { return sizes[a] > sizes[b]; });
+  std::vector<int> by_size = Indices(sizes.size());
+  StableSortDescendingBy(&by_size, [&](int a) { return sizes[a]; });
   std::vector<int> rank(sizes.size());
   for (size_t i = 0; i < by_size.size(); ++i) {
     rank[by_size[i]] = static_cast<int>(i);

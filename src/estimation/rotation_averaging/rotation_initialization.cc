@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/graph.h"
 #include "math/spanning_tree.h"
@@ -44,10 +45,7 @@ std::vector<NodeRotation> CollectNodeRotations(const RotationProblem& problem,
                            edge.weight, edge.support});
     }
   }
-  std::stable_sort(rotations.begin(), rotations.end(),
-                   [](const NodeRotation& a, const NodeRotation& b) {
-                     return a.Nodes() < b.Nodes();
-                   });
+  StableSortBy(&rotations, &NodeRotation::Nodes);
   return rotations;
 }
 
@@ -109,8 +107,8 @@ class Parts {
         const std::vector<GraphEdge>& edges, const std::vector<int>& forest,
         std::vector<Quaterniond>* nodes)
       : merged_(merged), edges_of_node_(nodes->size()), nodes_(nodes) {
-    std::vector<GraphEdge> within;
-    for (const int e : forest) within.push_back(edges[e]);
+    const std::vector<GraphEdge> within =
+        Transformed(forest, [&](int e) { return edges[e]; });
     const auto num_nodes = static_cast<int>(nodes->size());
     part_of_node_ = FindConnectedComponents(num_nodes, within).component;
     nodes_of_part_.resize(nodes->size());
@@ -176,11 +174,10 @@ void InitializeNodes(const RotationProblem& problem, double max_error_rad,
     // Exceeds any number of matches.
     r.support += 1e12;
   }
-  std::vector<GraphEdge> edges;
-  edges.reserve(merged.size());
-  for (const NodeRotation& r : merged) {
-    edges.push_back({r.low, r.high, r.support});
-  }
+  const std::vector<GraphEdge> edges =
+      Transformed(merged, [](const NodeRotation& r) {
+        return GraphEdge{r.low, r.high, r.support};
+      });
   std::vector<int> within = MaximumSpanningForest(problem.num_nodes, edges);
   state->nodes.assign(problem.num_nodes, Quaterniond::Identity());
   std::vector<int> joints;
@@ -193,9 +190,7 @@ void InitializeNodes(const RotationProblem& problem, double max_error_rad,
   }
   ChainAlong(merged, edges, within, &state->nodes);
   if (joints.empty()) return;
-  std::stable_sort(joints.begin(), joints.end(), [&](int a, int b) {
-    return merged[a].support > merged[b].support;
-  });
+  StableSortDescendingBy(&joints, [&](int a) { return merged[a].support; });
   Parts parts(merged, edges, within, &state->nodes);
   for (const int e : joints) {
     parts.Join(merged[e].low, merged[e].high, max_error_rad);

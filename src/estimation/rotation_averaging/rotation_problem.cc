@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {
@@ -42,19 +43,15 @@ void ComputeResiduals(const RotationProblem& problem,
 }
 
 std::vector<double> Norms(const std::vector<Vector3d>& residuals) {
-  std::vector<double> norms;
-  norms.reserve(residuals.size());
-  for (const Vector3d& r : residuals) norms.push_back(r.norm());
-  return norms;
+  return Transformed(residuals, [](const Vector3d& r) { return r.norm(); });
 }
 
 ConnectedComponents FindComponents(const RotationProblem& problem) {
-  std::vector<GraphEdge> edges;
-  edges.reserve(problem.edges.size());
-  for (const RotationEdge& edge : problem.edges) {
-    edges.push_back({edge.node1, edge.node2, 1.0});
-  }
-  return FindConnectedComponents(problem.num_nodes, edges);
+  return FindConnectedComponents(
+      problem.num_nodes,
+      Transformed(problem.edges, [](const RotationEdge& edge) {
+        return GraphEdge{edge.node1, edge.node2, 1.0};
+      }));
 }
 
 namespace {
@@ -130,11 +127,8 @@ PairProblem BuildFrameProblem(const Scene& scene, const ViewGraph& view_graph,
 RotationProblem WithoutLoops(const RotationProblem& problem) {
   RotationProblem without_loops = problem;
   auto& edges = without_loops.edges;
-  edges.erase(std::remove_if(edges.begin(), edges.end(),
-                             [](const RotationEdge& edge) {
-                               return edge.node1 == edge.node2;
-                             }),
-              edges.end());
+  EraseIf(&edges,
+          [](const RotationEdge& edge) { return edge.node1 == edge.node2; });
   return without_loops;
 }
 

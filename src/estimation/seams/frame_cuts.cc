@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "base/ranges.h"
 #include "math/spanning_tree.h"
 
 namespace mgsfm {
@@ -121,8 +122,7 @@ void FrameCuts::Sums::Add(int frame_idx1, int frame_idx2, double amount) {
 }
 
 void FrameCuts::Sums::SortDepthFirst(std::vector<int>* frame_idxs) const {
-  std::sort(frame_idxs->begin(), frame_idxs->end(),
-            [this](int a, int b) { return cuts_.enter_[a] < cuts_.enter_[b]; });
+  SortBy(frame_idxs, [this](int a) { return cuts_.enter_[a]; });
 }
 
 // A closed depth-first tour through the frames passes each edge between them
@@ -142,8 +142,7 @@ void FrameCuts::Sums::AddTies(std::vector<int> frame_idxs, double amount) {
   const auto is_elsewhere = [&](int frame) {
     return cuts_.root_[frame] != cuts_.root_[frame_idxs.front()];
   };
-  if (frame_idxs.size() < 4 ||
-      std::any_of(frame_idxs.begin(), frame_idxs.end(), is_elsewhere)) {
+  if (frame_idxs.size() < 4 || AnyOf(frame_idxs, is_elsewhere)) {
     return;
   }
   SortDepthFirst(&frame_idxs);
@@ -177,12 +176,10 @@ std::vector<double> FrameCuts::Sums::Finish() const {
   for (size_t i = 0; i < cuts_.order_.size(); ++i) {
     before[i + 1] = before[i] + at_frame_[cuts_.order_[i]];
   }
-  std::vector<double> sums;
-  for (const Cut& cut : cuts_.cuts_) {
-    sums.push_back(before[cuts_.leave_[cut.frame_below]] -
-                   before[cuts_.enter_[cut.frame_below]]);
-  }
-  return sums;
+  return Transformed(cuts_.cuts_, [&](const Cut& cut) {
+    return before[cuts_.leave_[cut.frame_below]] -
+           before[cuts_.enter_[cut.frame_below]];
+  });
 }
 
 }  // namespace mgsfm

@@ -6,6 +6,7 @@
 #include <limits>
 #include <tuple>
 
+#include "base/ranges.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -52,10 +53,7 @@ struct Step {
   // The median of a function of a baseline.
   template <class Function>
   double MedianOf(const Function& function) const {
-    std::vector<double> values;
-    for (const Baseline& baseline : baselines)
-      values.push_back(function(baseline));
-    return Median(std::move(values));
+    return Median(Transformed(baselines, function));
   }
   double ExpectedLength() const {
     return MedianOf([](const Baseline& b) { return b.expected.norm(); });
@@ -106,10 +104,9 @@ Baselines CollectBaselines(const Scene& scene, const FramePairIndex& index,
 
 // The unit of length of the expected poses, in units of the model.
 double UnitInModel(const Baselines& baselines) {
-  std::vector<double> units;
-  for (const Baseline& b : baselines.within_frames) {
-    units.push_back(b.actual.norm() / b.expected.norm());
-  }
+  std::vector<double> units = Transformed(
+      baselines.within_frames,
+      [](const Baseline& b) { return b.actual.norm() / b.expected.norm(); });
   if (units.empty()) {
     for (const Step& step : baselines.steps) {
       units.push_back(step.ActualLength() / step.ExpectedLength());

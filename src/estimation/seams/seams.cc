@@ -7,6 +7,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/ranges.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "pair_filtering/unsupported_bridges.h"
@@ -23,8 +24,8 @@ std::vector<int> CountConfirmed(const ConfidenceInput& input) {
   const PointLookup points(input.scene, input.reconstruction);
   std::vector<int> num_confirmed;
   for (const ImagePair& pair : input.view_graph.pairs) {
-    num_confirmed.push_back(static_cast<int>(std::count_if(
-        pair.matches.begin(), pair.matches.end(), [&](const Match& match) {
+    num_confirmed.push_back(
+        static_cast<int>(CountIf(pair.matches, [&](const Match& match) {
           const auto point = points.Find(pair.image_idx1, match.keypoint_idx1);
           return point &&
                  point == points.Find(pair.image_idx2, match.keypoint_idx2);
@@ -87,12 +88,11 @@ struct CutEvidence {
 };
 
 std::vector<int> FramesOf(const Scene& scene, const Point3D& point) {
-  std::vector<int> frames;
-  for (const Observation& observation : point.track) {
-    frames.push_back(scene.images[observation.image_idx].frame_idx);
-  }
-  std::sort(frames.begin(), frames.end());
-  frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+  std::vector<int> frames =
+      Transformed(point.track, [&](const Observation& observation) {
+        return scene.images[observation.image_idx].frame_idx;
+      });
+  SortUnique(&frames);
   return frames;
 }
 
@@ -121,9 +121,8 @@ Mask FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
     ++num_edges[cuts.cuts()[k].frame_below];
     ++num_edges[cuts.cuts()[k].frame_above];
   }
-  std::stable_sort(few.begin(), few.end(), [&](size_t a, size_t b) {
-    return std::pair(num_ties[a], evidence->num_confirmed[a]) <
-           std::pair(num_ties[b], evidence->num_confirmed[b]);
+  StableSortBy(&few, [&](size_t a) {
+    return std::pair(num_ties[a], evidence->num_confirmed[a]);
   });
   Mask has_few(num_ties.size(), false);
   for (const size_t k : few) {
@@ -353,10 +352,9 @@ int CountTies(const Scene& scene, const Reconstruction& reconstruction,
   for (const Point3D& point : reconstruction.points) {
     const std::vector<int> frames = FramesOf(scene, point);
     const auto is_on = [&](const std::vector<int>& side) {
-      const auto num_on_side =
-          std::count_if(frames.begin(), frames.end(), [&](int frame) {
-            return std::binary_search(side.begin(), side.end(), frame);
-          });
+      const auto num_on_side = CountIf(frames, [&](int frame) {
+        return std::binary_search(side.begin(), side.end(), frame);
+      });
       return num_on_side >=
              std::min<std::ptrdiff_t>(min_num_frames,
                                       static_cast<std::ptrdiff_t>(side.size()));
@@ -386,9 +384,7 @@ Confidence EstimateConfidence(const ConfidenceInput& input,
                          MakeSeam(cuts, evidence, k, *reason));
     }
   }
-  std::stable_sort(
-      seams.begin(), seams.end(),
-      [](const auto& a, const auto& b) { return a.first < b.first; });
+  StableSortBy(&seams, [](const auto& a) { return a.first; });
   Confidence result;
   for (auto& [confidence, seam] : seams)
     result.seams.push_back(std::move(seam));

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "soft_rig/rig_scores.h"
 #include "soft_rig/rig_timing.h"
@@ -303,11 +304,10 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
 
 bool HasKnownLength(const Scene& scene, const RigMeasurements& measured) {
   return !measured.known_distances.empty() ||
-         std::any_of(scene.sensors.begin(), scene.sensors.end(),
-                     [](const Sensor& sensor) {
-                       return sensor.sensor_from_rig &&
-                              !sensor.sensor_from_rig->translation.isZero(0.0);
-                     });
+         AnyOf(scene.sensors, [](const Sensor& sensor) {
+           return sensor.sensor_from_rig &&
+                  !sensor.sensor_from_rig->translation.isZero(0.0);
+         });
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
@@ -45,14 +46,11 @@ struct SoftRigState {
 
 bool HasFrameWithSeveralImages(const SoftRigRun& input) {
   const Scene& scene = input.scene;
-  return std::any_of(
-      scene.frames.begin(), scene.frames.end(), [&](const Frame& frame) {
-        return std::count_if(frame.image_idxs.begin(), frame.image_idxs.end(),
-                             [&](int image_idx) {
-                               return input.initial.IsRegistered(scene,
-                                                                 image_idx);
-                             }) > 1;
-      });
+  return AnyOf(scene.frames, [&](const Frame& frame) {
+    return CountIf(frame.image_idxs, [&](int image_idx) {
+             return input.initial.IsRegistered(scene, image_idx);
+           }) > 1;
+  });
 }
 
 SoftRigResult Unchanged(const SoftRigRun& input, SoftRigSummary summary) {
@@ -208,12 +206,9 @@ bool UpdateHyperparameters(const SoftRigRun& input,
   UpdateExtrinsics(input.scene, deviations, state->sigmas, input.bundle_options,
                    &model.rig);
   state->expected = ExpectedPoses(input.scene, model.rig);
-  std::vector<int> rig_of_sensor;
-  for (const Sensor& sensor : input.scene.sensors) {
-    rig_of_sensor.push_back(sensor.rig_idx);
-  }
-  std::vector<DeviationSigma> updated =
-      UpdateSigmas(deviations, rig_of_sensor, state->sigmas, &state->fractions);
+  std::vector<DeviationSigma> updated = UpdateSigmas(
+      deviations, Transformed(input.scene.sensors, &Sensor::rig_idx),
+      state->sigmas, &state->fractions);
   const double change = ReplaceSigmas(std::move(updated),
                                       MedianPointDistance(input, model), state);
   state->sigma_px = EstimateNoisePx(input, model);

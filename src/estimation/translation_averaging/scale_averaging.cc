@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
 #include <optional>
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "math/graph.h"
 #include "math/robust_loss.h"
 #include "math/robust_scale.h"
@@ -162,12 +162,9 @@ void LinkExpectedLengths(const std::vector<BaselineDirection>& baselines,
 }
 
 std::vector<GraphEdge> EdgesOf(const std::vector<ScaleLink>& links) {
-  std::vector<GraphEdge> edges;
-  edges.reserve(links.size());
-  for (const ScaleLink& link : links) {
-    edges.push_back({link.pair1, link.pair2, 1.0 / link.sigma});
-  }
-  return edges;
+  return Transformed(links, [](const ScaleLink& link) {
+    return GraphEdge{link.pair1, link.pair2, 1.0 / link.sigma};
+  });
 }
 
 Eigen::VectorXd ChainAlongForest(int num_pairs,
@@ -305,11 +302,9 @@ std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
 // forms its own group.
 double MedianLogDepth(const BaselineDirection& baseline) {
   if (baseline.depths[0].empty()) return 0.0;
-  std::vector<double> log_depths;
-  for (const DepthSample& d : baseline.depths[0]) {
-    log_depths.push_back(d.log_depth);
-  }
-  return Median(std::move(log_depths));
+  return Median(Transformed(baseline.depths[0], [](const DepthSample& d) {
+    return double{d.log_depth};
+  }));
 }
 
 // Groups in descending order of size, then by first pair.
@@ -325,10 +320,8 @@ ScaleGroups NumberGroups(const std::vector<BaselineDirection>& baselines,
     sizes[components.component[i]] +=
         baselines[i].kind == BaselineKind::kDirection;
   }
-  std::vector<int> order(components.num_components);
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](int a, int b) { return sizes[a] > sizes[b]; });
+  std::vector<int> order = Indices(components.num_components);
+  StableSortDescendingBy(&order, [&](int a) { return sizes[a]; });
   ScaleGroups groups;
   std::vector<int> group_of_component(components.num_components);
   for (int group = 0; group < components.num_components; ++group) {

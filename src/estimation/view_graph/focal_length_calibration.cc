@@ -12,6 +12,7 @@
 
 #include "base/format.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
@@ -390,10 +391,8 @@ void Refine(const Unknowns& unknowns, double min_step, const Context& context,
 // Drops pairs whose median residual exceeds that of the median pair.
 std::vector<FocalPair> DropOutliers(std::vector<FocalPair> pairs) {
   if (pairs.empty()) return pairs;
-  std::vector<double> medians;
-  for (const FocalPair& pair : pairs) {
-    medians.push_back(Median(pair.Residuals()));
-  }
+  const std::vector<double> medians = Transformed(
+      pairs, [&](const FocalPair& pair) { return Median(pair.Residuals()); });
   const double max_median =
       kOutlierFactor * std::max(Median(medians), kMinSigmaPx);
   std::vector<FocalPair> kept;

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <numeric>
 
 #include "base/option_range.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/options_io.h"
@@ -67,8 +67,7 @@ std::string Join(const std::vector<std::string>& words) {
 
 void CheckText(const OptionEntry& entry, const std::string& text) {
   if (!entry.choices.empty()) {
-    if (std::find(entry.choices.begin(), entry.choices.end(), text) ==
-        entry.choices.end()) {
+    if (!Contains(entry.choices, text)) {
       ThrowBadValue(entry, text, "one of " + Join(entry.choices));
     }
     return;
@@ -113,8 +112,7 @@ std::string WithoutSection(const std::string& name) {
 
 // Levenshtein distance.
 size_t EditDistance(const std::string& a, const std::string& b) {
-  std::vector<size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), 0);
+  std::vector<size_t> row = Indices<size_t>(b.size() + 1);
   for (size_t i = 0; i < a.size(); ++i) {
     size_t diagonal = row[0];
     row[0] = i + 1;

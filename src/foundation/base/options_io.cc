@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/base/options_io.h"
 
-#include <algorithm>
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <set>
 
 #include "base/option_range.h"
+#include "base/ranges.h"
 #include "base/text_lines.h"
 #include "base/text_streams.h"
 #include "mgsfm/base/version.h"
@@ -153,8 +153,7 @@ void ForEachSection(const OptionList& options, const Visit& visit) {
     // The top level must come first because it has no heading in files.
     if (section.empty() && (sections.empty() || !sections[0].empty())) {
       sections.insert(sections.begin(), section);
-    } else if (std::find(sections.begin(), sections.end(), section) ==
-               sections.end()) {
+    } else if (!Contains(sections, section)) {
       sections.push_back(section);
     }
   }

@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 
 namespace mgsfm {
@@ -52,14 +53,10 @@ std::vector<PlaneTerms> Sample(const RayMatches& matches, const Rigid3& pose) {
 std::vector<double> Errors(const std::vector<PlaneTerms>& samples,
                            const Eigen::Vector3d& t,
                            const Eigen::Vector3d& plane) {
-  std::vector<double> errors;
-  errors.reserve(samples.size());
-  for (const PlaneTerms& terms : samples) {
-    errors.push_back(
-        std::abs(terms.offset + terms.slope * terms.f1.dot(plane)) *
-        terms.InverseLength(t, plane));
-  }
-  return errors;
+  return Transformed(samples, [&](const PlaneTerms& terms) {
+    return std::abs(terms.offset + terms.slope * terms.f1.dot(plane)) *
+           terms.InverseLength(t, plane);
+  });
 }
 
 // The plane of most samples: re-weighted least squares with the Cauchy loss,
@@ -105,8 +102,7 @@ std::optional<Rigid3> PlanarTwin(const RayMatches& matches,
   if (!plane.allFinite()) return std::nullopt;
   const std::vector<double> errors = Errors(samples, t, plane);
   const auto num_on_plane =
-      std::count_if(errors.begin(), errors.end(),
-                    [&](double error) { return error <= max_error_rad; });
+      CountIf(errors, [&](double error) { return error <= max_error_rad; });
   if (2 * static_cast<size_t>(num_on_plane) <= samples.size()) {
     return std::nullopt;
   }

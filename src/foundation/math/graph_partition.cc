@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/ranges.h"
 #include "math/spanning_tree.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
@@ -22,8 +23,8 @@ class Partitioner {
       : edges_(edges), options_(options), neighbors_(num_nodes) {
     const std::vector<int> forest = MaximumSpanningForest(num_nodes, edges);
     steps_ = WalkForest(num_nodes, edges, forest);
-    std::vector<double> weights;
-    for (const int e : forest) weights.push_back(edges[e].weight);
+    const std::vector<double> weights =
+        Transformed(forest, [&](int e) { return edges[e].weight; });
     if (!weights.empty()) {
       min_weight_ = options.min_relative_weight * Median(weights);
     }
@@ -77,9 +78,7 @@ void Partitioner::SplitComponents() {
   const auto is_small = [&](const NodeSet& set) {
     return static_cast<int>(set.size()) < options_.min_num_nodes;
   };
-  components.erase(
-      std::remove_if(components.begin(), components.end(), is_small),
-      components.end());
+  EraseIf(&components, is_small);
   for (const NodeSet& set : components) num_nodes += set.size();
   for (NodeSet& set : components) {
     const double share =
@@ -160,8 +159,7 @@ GraphPartition Partitioner::NumberParts() const {
   GraphPartition result;
   result.part_of_node.resize(neighbors_.size());
   for (const NodeSet& set : parts_) {
-    std::vector<int> nodes;
-    for (const ForestStep& step : set) nodes.push_back(step.node);
+    std::vector<int> nodes = Transformed(set, &ForestStep::node);
     std::sort(nodes.begin(), nodes.end());
     result.nodes.push_back(std::move(nodes));
   }
@@ -215,8 +213,7 @@ void Partitioner::AddOverlap(GraphPartition* partition) const {
     }
   }
   for (std::vector<int>& of_part : nodes) {
-    std::sort(of_part.begin(), of_part.end());
-    of_part.erase(std::unique(of_part.begin(), of_part.end()), of_part.end());
+    SortUnique(&of_part);
   }
 }
 

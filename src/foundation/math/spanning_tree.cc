@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "base/ranges.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
@@ -39,11 +40,8 @@ Adjacency BuildAdjacency(int num_nodes, const std::vector<GraphEdge>& edges,
 }
 
 std::vector<int> NodesByDegree(int num_nodes, const Adjacency& adjacency) {
-  std::vector<int> nodes(num_nodes);
-  std::iota(nodes.begin(), nodes.end(), 0);
-  std::stable_sort(nodes.begin(), nodes.end(), [&](int a, int b) {
-    return adjacency.Degree(a) > adjacency.Degree(b);
-  });
+  std::vector<int> nodes = Indices(num_nodes);
+  StableSortDescendingBy(&nodes, [&](int a) { return adjacency.Degree(a); });
   return nodes;
 }
 
@@ -51,11 +49,8 @@ std::vector<int> NodesByDegree(int num_nodes, const Adjacency& adjacency) {
 
 std::vector<int> MaximumSpanningForest(int num_nodes,
                                        const std::vector<GraphEdge>& edges) {
-  std::vector<int> order(edges.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return edges[a].weight > edges[b].weight;
-  });
+  std::vector<int> order = Indices(edges.size());
+  StableSortDescendingBy(&order, [&](int a) { return edges[a].weight; });
   UnionFind sets(num_nodes);
   std::vector<int> forest;
   for (const int e : order) {

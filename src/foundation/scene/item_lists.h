@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <map>
 #include <string>
@@ -27,18 +26,6 @@ std::map<std::string, int> IndexByName(const std::vector<Item>& items) {
     idx_of_name.emplace(items[i].name, static_cast<int>(i));
   }
   return idx_of_name;
-}
-
-template <class Item>
-void SortById(std::vector<Item>* items) {
-  std::sort(items->begin(), items->end(),
-            [](const Item& a, const Item& b) { return a.id < b.id; });
-}
-
-template <class Item>
-void SortByName(std::vector<Item>* items) {
-  std::sort(items->begin(), items->end(),
-            [](const Item& a, const Item& b) { return a.name < b.name; });
 }
 
 }  // namespace mgsfm

@@ -5,12 +5,12 @@
 #include <array>
 #include <cmath>
 #include <functional>
-#include <numeric>
 #include <opencv2/core.hpp>
 #include <opencv2/core/hal/hal.hpp>
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "base/ranges.h"
 #include "features/scale_space.h"
 #include "geometry/so3.h"
 
@@ -282,9 +282,7 @@ std::vector<float> GradientDescriber::FindOrientations(
     histogram[(k + 1) % kNumOrientationBins] += fraction * value;
   }
   std::vector<std::pair<float, float>> peaks = FindPeaks(Smooth(histogram));
-  std::stable_sort(
-      peaks.begin(), peaks.end(),
-      [](const auto& a, const auto& b) { return a.first > b.first; });
+  StableSortDescendingBy(&peaks, [](const auto& a) { return a.first; });
   std::vector<float> orientations;
   for (const auto& [height, angle] : peaks) {
     if (static_cast<int>(orientations.size()) < max_num) {
@@ -408,10 +406,7 @@ std::vector<OrientedPoint> FindOrientations(const ScaleSpace& space,
 
 // Sorts by descending scale and keeps the first `max_num`.
 void SelectLargest(int max_num, std::vector<OrientedPoint>* oriented) {
-  std::stable_sort(oriented->begin(), oriented->end(),
-                   [](const OrientedPoint& a, const OrientedPoint& b) {
-                     return a.scale > b.scale;
-                   });
+  StableSortDescendingBy(oriented, &OrientedPoint::scale);
   if (oriented->size() > static_cast<size_t>(max_num)) {
     oriented->resize(static_cast<size_t>(max_num));
   }
@@ -443,11 +438,9 @@ Features ExtractSift(const GrayImage& image, const SiftOptions& options) {
   const float mean_scale = 0.5f * (prepared.scale_x + prepared.scale_y);
   // Points in the order of the image find the pixels of their neighbors in the
   // cache.
-  std::vector<size_t> order(oriented.size());
-  std::iota(order.begin(), order.end(), size_t{0});
-  std::sort(order.begin(), order.end(), [&](size_t i, size_t j) {
-    return oriented[i].point < oriented[j].point;
-  });
+  std::vector<size_t> order = Indices<size_t>(oriented.size());
+  SortBy(
+      &order, [&](size_t i) -> const auto& { return oriented[i].point; });
   features.keypoints.resize(oriented.size());
   for (const size_t i : order) {
     const ScaleSpacePoint& point = *oriented[i].point;

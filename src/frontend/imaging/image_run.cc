@@ -13,6 +13,7 @@
 #include "base/file_reading.h"
 #include "base/grouped_warnings.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "files/exif_gps_time.h"
 #include "files/file_operations.h"
@@ -316,9 +317,8 @@ void CheckImagesExist(const std::vector<ImageTask>& tasks,
 
 void CheckMasksOf(const std::vector<ImageTask>& tasks,
                   const MaskPaths& mask_paths, const Context& context) {
-  std::vector<std::string> names;
-  for (const ImageTask& task : tasks) names.push_back(task.name);
-  ImageMasks(mask_paths, kDefaultMaxNumPixels).Check(names, "", context);
+  ImageMasks(mask_paths, kDefaultMaxNumPixels)
+      .Check(Transformed(tasks, &ImageTask::name), "", context);
 }
 
 void CheckIsApart(const fs::path& output_path, const fs::path& image_path,
@@ -368,10 +368,7 @@ ImageRunSummary WriteViews(
   }
   run.MakeFolders(left);
   // Images of one camera are consecutive, so that few maps exist at a time.
-  std::stable_sort(left.begin(), left.end(),
-                   [](const ImageTask& a, const ImageTask& b) {
-                     return a.camera_idx < b.camera_idx;
-                   });
+  StableSortBy(&left, &ImageTask::camera_idx);
   for (const ImageTask& task : left) run.AddTask(task);
   const QuietImageLibraries quiet;
   ParallelFor(

@@ -8,6 +8,7 @@
 
 #include "base/format.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "matching/scene_pairs.h"
 #include "matching/two_view_verification.h"
@@ -228,10 +229,10 @@ std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
   std::vector<LensEvidence> evidence;
   for (const auto& [camera_idx, pair_idxs] : SelectPairs(database, scene)) {
     if (pair_idxs.size() < kMinNumSampledPairs) continue;
-    std::vector<SampledPair> pairs;
-    for (const ImageIdxPair& pair : pair_idxs) {
-      pairs.push_back(ReadPair(database, scene, pair));
-    }
+    const std::vector<SampledPair> pairs =
+        Transformed(pair_idxs, [&](const ImageIdxPair& pair) {
+          return ReadPair(database, scene, pair);
+        });
     evidence.push_back(
         {camera_idx, static_cast<int>(pairs.size()),
          MeasureShares(pairs, scene.cameras[camera_idx], strict, context)});
@@ -240,13 +241,11 @@ std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
   for (const LensEvidence& e : evidence) {
     const bool is_fisheye =
         IsFisheye(e) ||
-        (PrefersFisheye(e) &&
-         std::any_of(evidence.begin(), evidence.end(),
-                     [&](const LensEvidence& other) {
-                       return IsFisheye(other) &&
-                              HaveOneSize(scene.cameras[e.camera_idx],
-                                          scene.cameras[other.camera_idx]);
-                     }));
+        (PrefersFisheye(e) && AnyOf(evidence, [&](const LensEvidence& other) {
+           return IsFisheye(other) &&
+                  HaveOneSize(scene.cameras[e.camera_idx],
+                              scene.cameras[other.camera_idx]);
+         }));
     if (!is_fisheye) continue;
     FisheyeFinding& finding = finding_of_lens[e.FieldOfViewDeg()];
     finding.unexplained_by_fisheye =

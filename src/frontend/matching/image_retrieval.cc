@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <numeric>
 #include <optional>
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "matching/pair_selection.h"
 #include "matching/scene_pairs.h"
@@ -200,13 +200,11 @@ LargestFeatures ReadLargest(const FeatureDatabase& database, const Image& image,
       database.ReadKeypoints(image.id);
   const DescriptorMatrix descriptors =
       ReadSiftDescriptors(database, image, keypoints.size());
-  std::vector<size_t> order(keypoints.size());
-  std::iota(order.begin(), order.end(), size_t{0});
+  std::vector<size_t> order = Indices<size_t>(keypoints.size());
   const auto max_size = static_cast<size_t>(max_num_features);
   if (max_num_features >= 0 && order.size() > max_size) {
-    std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
-      return keypoints[a].ScalePx() > keypoints[b].ScalePx();
-    });
+    StableSortDescendingBy(&order,
+                           [&](size_t a) { return keypoints[a].ScalePx(); });
     order.resize(max_size);
     std::sort(order.begin(), order.end());
   }
@@ -235,8 +233,7 @@ std::vector<uint8_t> SampleDescriptors(const FeatureDatabase& database,
     context.ReportProgress("reading descriptors", i, num_images);
     const LargestFeatures features =
         ReadLargest(database, scene.images[i], max_num_features);
-    std::vector<size_t> order(features.keypoints.size());
-    std::iota(order.begin(), order.end(), size_t{0});
+    std::vector<size_t> order = Indices<size_t>(features.keypoints.size());
     const size_t num_drawn = std::min(quota, order.size());
     Random random(context.random_seed, i);
     for (size_t k = 0; k < num_drawn; ++k) {
@@ -264,10 +261,7 @@ WordImage MakeWordImage(const Vocabulary& vocabulary,
          keypoint.y_px, std::log2(std::max(keypoint.ScalePx(), kMinScalePx)),
          keypoint.OrientationRad()});
   }
-  std::stable_sort(image.features.begin(), image.features.end(),
-                   [](const WordFeature& a, const WordFeature& b) {
-                     return a.word < b.word;
-                   });
+  StableSortBy(&image.features, &WordFeature::word);
   return image;
 }
 
@@ -362,10 +356,8 @@ class FrameRetrieval {
 
   ImagePairList Query(size_t query_idx) const {
     const Place& query = places_[queries_[query_idx]];
-    std::vector<std::vector<float>> similarities;
-    for (const int image : query.images) {
-      similarities.push_back(index_.Similarities(image));
-    }
+    const std::vector<std::vector<float>> similarities = Transformed(
+        query.images, [&](int image) { return index_.Similarities(image); });
     std::vector<Candidate> candidates = MostSimilar(query, similarities);
     for (Candidate& candidate : candidates) {
       Compare(query, similarities, &candidate);
@@ -450,10 +442,7 @@ class FrameRetrieval {
   template <class Value>
   static void KeepFirst(int num_kept, const Value& value,
                         std::vector<Candidate>* candidates) {
-    std::stable_sort(candidates->begin(), candidates->end(),
-                     [&](const Candidate& a, const Candidate& b) {
-                       return value(a) > value(b);
-                     });
+    StableSortDescendingBy(candidates, value);
     if (candidates->size() > static_cast<size_t>(num_kept)) {
       candidates->resize(num_kept);
     }

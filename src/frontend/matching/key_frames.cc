@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 
+#include "base/ranges.h"
 #include "matching/pair_selection.h"
 
 namespace mgsfm {

@@ -9,6 +9,7 @@
 
 #include "base/fingerprint.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "database/database_shard.h"
 #include "matching/descriptor_matching.h"
 #include "matching/frame_pair_verification.h"
@@ -215,11 +216,10 @@ ImagePairList PairsOfShare(const ImagePairList& pairs, const Scene& scene,
     return FramePair{first / frames_per_block, second / frames_per_block,
                      int{first}, int{second}};
   };
-  std::vector<std::pair<FramePair, ImageIdxPair>> order;
-  order.reserve(pairs.size());
-  for (const ImageIdxPair& pair : pairs) {
-    order.emplace_back(frames_of(pair), pair);
-  }
+  std::vector<std::pair<FramePair, ImageIdxPair>> order =
+      Transformed(pairs, [&](const ImageIdxPair& pair) {
+        return std::pair<FramePair, ImageIdxPair>(frames_of(pair), pair);
+      });
   std::sort(order.begin(), order.end());
   // A pair of frames belongs to the share of its first image pair.
   const auto first_of_group = [&](size_t i) {

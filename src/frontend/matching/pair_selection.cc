@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "database/sqlite_database.h"
 #include "files/file_operations.h"
@@ -288,11 +289,7 @@ class NearestImages {
     }
     std::sort(neighbors.begin(), neighbors.end());
     if (neighbors.size() > max_num_) neighbors.resize(max_num_);
-    std::vector<int> image_idxs;
-    for (const Neighbor& neighbor : neighbors) {
-      image_idxs.push_back(neighbor.image_idx);
-    }
-    return image_idxs;
+    return Transformed(neighbors, &Neighbor::image_idx);
   }
 
  private:
@@ -384,11 +381,9 @@ std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
   context.Info(source + " has " +
                (priors.origin_wgs84 ? "latitudes and longitudes of images"
                                     : "Cartesian positions of images"));
-  std::vector<std::optional<Eigen::Vector3d>> positions;
-  for (const auto& prior : priors.images) {
-    positions.push_back(prior ? std::optional(prior->position) : std::nullopt);
-  }
-  return positions;
+  return Transformed(priors.images, [](const auto& prior) {
+    return prior ? std::optional(prior->position) : std::nullopt;
+  });
 }
 
 void Append(const ImagePairList& others, ImagePairList* pairs) {

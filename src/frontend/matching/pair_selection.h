@@ -86,11 +86,6 @@ inline ImageIdxPair MakePair(int image_idx1, int image_idx2) {
   return {std::min(image_idx1, image_idx2), std::max(image_idx1, image_idx2)};
 }
 
-inline void SortUnique(ImagePairList* pairs) {
-  std::sort(pairs->begin(), pairs->end());
-  pairs->erase(std::unique(pairs->begin(), pairs->end()), pairs->end());
-}
-
 // The pairs that the functions of matching.h match, without matching them. They
 // depend on features, positions, names and options only, so that processes that
 // match one share each agree on them.

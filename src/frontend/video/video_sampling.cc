@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "files/file_operations.h"
@@ -185,9 +186,7 @@ std::vector<int64_t> SelectInstants(const Video& leader,
                 "' is damaged: none of its images can be decoded; copy it "
                 "again from the camera");
   }
-  std::vector<int64_t> instants_ns;
-  for (const int idx : selected) instants_ns.push_back(times_ns[idx]);
-  return instants_ns;
+  return Transformed(selected, [&](int idx) { return times_ns[idx]; });
 }
 
 // Adds the images of a video to the frames, and logs how well they fit.

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "calibration/yaml_value.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
@@ -24,8 +25,7 @@ constexpr uintmax_t kMaxFileSize = 64 << 20;
 
 bool HasExtension(const fs::path& path,
                   const std::vector<std::string>& extensions) {
-  return std::find(extensions.begin(), extensions.end(), path.extension()) !=
-         extensions.end();
+  return Contains(extensions, path.extension());
 }
 
 // The files in a folder and its subfolders that may be calibrations.
@@ -114,14 +114,13 @@ void CheckNames(const std::vector<CalibratedCamera>& cameras) {
 void ForgetCommonPlace(std::vector<CalibratedCamera>* cameras) {
   constexpr double kMaxRounding_rad = 1e-6;
   const Rigid3* first = nullptr;
-  const bool is_common = std::all_of(
-      cameras->begin(), cameras->end(), [&](const CalibratedCamera& camera) {
-        if (!camera.cam_from_base) return true;
-        if (first == nullptr) first = &*camera.cam_from_base;
-        return camera.cam_from_base->translation.isZero(0.0) &&
-               AngleBetween(camera.cam_from_base->rotation, first->rotation) <=
-                   kMaxRounding_rad;
-      });
+  const bool is_common = AllOf(*cameras, [&](const CalibratedCamera& camera) {
+    if (!camera.cam_from_base) return true;
+    if (first == nullptr) first = &*camera.cam_from_base;
+    return camera.cam_from_base->translation.isZero(0.0) &&
+           AngleBetween(camera.cam_from_base->rotation, first->rotation) <=
+               kMaxRounding_rad;
+  });
   if (!is_common) return;
   for (CalibratedCamera& camera : *cameras) camera.cam_from_base.reset();
 }

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "calibration/calibration.h"
@@ -175,10 +176,9 @@ bool IsKitti(const std::string& text) {
                          text.find("P_rect_0") != std::string::npos;
   if (has_names) return true;
   const Lines lines = ParseLines(text, "");
-  return !lines.empty() &&
-         std::all_of(lines.begin(), lines.end(), [](const auto& line) {
-           return IsProjection(line.second);
-         });
+  return !lines.empty() && AllOf(lines, [](const auto& line) {
+    return IsProjection(line.second);
+  });
 }
 
 std::vector<CalibratedCamera> ReadKitti(const std::string& text,
@@ -267,8 +267,7 @@ CalibratedCamera ReadSensor(const std::string& name, const YamlValue& value) {
 
 bool IsNuScenes(const YamlValue& file) {
   const auto items = file.Items();
-  return std::any_of(items.begin(), items.end(),
-                     [](const auto& item) { return IsSensor(item.second); });
+  return AnyOf(items, [](const auto& item) { return IsSensor(item.second); });
 }
 
 std::vector<CalibratedCamera> ReadNuScenes(const YamlValue& file,

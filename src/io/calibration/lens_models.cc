@@ -7,13 +7,14 @@
 #include <string>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {
 
 bool IsOneOf(const std::string& name, const std::vector<std::string>& names) {
-  return std::find(names.begin(), names.end(), name) != names.end();
+  return Contains(names, name);
 }
 
 // The number of coefficients without trailing zeros.
@@ -28,8 +29,7 @@ void SetRadialTangential(std::vector<double> coefficients,
                          CalibratedCamera* camera) {
   // OpenCV appends k3, then k4 k5 k6, then thin prisms, then tilt.
   const std::vector<size_t> counts = {0, 4, 5, 8, 12, 14};
-  if (std::find(counts.begin(), counts.end(), coefficients.size()) ==
-      counts.end()) {
+  if (!Contains(counts, coefficients.size())) {
     SetWrongCount(coefficients.size(), "k1 k2 p1 p2, with k3 or k3 to k6",
                   camera);
     return;
@@ -255,8 +255,7 @@ void SetUnifiedLens(const UnifiedLens& lens, CalibratedCamera* camera) {
   const Vector2d focals_px = scale * Vector2d(lens.fx, lens.fy);
   camera->params = {focals_px.x(), focals_px.y(), lens.cx + 0.5, lens.cy + 0.5};
   const bool has_distortion =
-      std::any_of(lens.distortion.begin(), lens.distortion.end(),
-                  [](double value) { return value != 0.0; });
+      AnyOf(lens.distortion, [](double value) { return value != 0.0; });
   if (!has_distortion && lens.alpha == 0.0 && lens.xi >= 0.0) {
     camera->model = CameraModelId::kEucm;
     camera->params.insert(camera->params.end(), {lens.xi * scale, 1.0});

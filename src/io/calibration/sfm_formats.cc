@@ -3,6 +3,7 @@
 #include <map>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "calibration/calibration.h"
@@ -67,11 +68,10 @@ void SetOpenSfmLens(const YamlValue& value, CalibratedCamera* camera) {
 bool IsOpenSfm(const YamlValue& file) {
   if (!file.IsMap()) return false;
   const auto items = file.Items();
-  return !items.empty() &&
-         std::all_of(items.begin(), items.end(), [](const auto& item) {
-           return item.second.Has("rotation") &&
-                  item.second.Has("translation") && item.second.Has("camera");
-         });
+  return !items.empty() && AllOf(items, [](const auto& item) {
+    return item.second.Has("rotation") && item.second.Has("translation") &&
+           item.second.Has("camera");
+  });
 }
 
 std::vector<CalibratedCamera> ReadOpenSfm(const YamlValue& file,

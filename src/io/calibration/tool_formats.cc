@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "base/natural_order.h"
+#include "base/ranges.h"
 #include "calibration/calibration.h"
 #include "calibration/lens_models.h"
 #include "geometry/rigid_matrix.h"
@@ -76,9 +77,8 @@ std::optional<std::string> CameraOfTopic(std::string topic) {
     const std::string part =
         topic.substr(slash == std::string::npos ? 0 : slash + 1);
     topic.erase(slash == std::string::npos ? 0 : slash);
-    const bool is_generic =
-        part.empty() || part.compare(0, 5, "image") == 0 ||
-        std::find(generic.begin(), generic.end(), part) != generic.end();
+    const bool is_generic = part.empty() || part.compare(0, 5, "image") == 0 ||
+                            Contains(generic, part);
     if (!is_generic) return part;
   }
   return std::nullopt;
@@ -130,7 +130,7 @@ void ReadLens(const YamlValue& value, CalibratedCamera* camera) {
 bool IsKalibr(const YamlValue& file) {
   if (!file.IsMap()) return false;
   const auto items = file.Items();
-  return std::any_of(items.begin(), items.end(), [](const auto& item) {
+  return AnyOf(items, [](const auto& item) {
     return item.second.Has("camera_model") && item.second.Has("intrinsics");
   });
 }
@@ -233,10 +233,7 @@ namespace {
 std::vector<std::pair<std::string, YamlValue>> KalibrItems(
     const YamlValue& file) {
   auto items = file.Items();
-  items.erase(
-      std::remove_if(items.begin(), items.end(),
-                     [](const auto& item) { return !item.second.IsMap(); }),
-      items.end());
+  EraseIf(&items, [](const auto& item) { return !item.second.IsMap(); });
   std::stable_sort(items.begin(), items.end(),
                    [](const auto& a, const auto& b) {
                      return IsNaturallyBefore(a.first, b.first);

@@ -10,6 +10,7 @@
 #include <system_error>
 #include <tuple>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "database/database_reader.h"
 #include "database/database_rows.h"
@@ -382,10 +383,9 @@ void WarnOfLostRigs(const std::vector<StructureInput>& inputs,
   for (size_t i = 0; i < inputs.size(); ++i) {
     if (inputs[i].contents.HasRigs()) continue;
     const auto& positions = merged.image_positions[i];
-    const auto num_single = std::count_if(
-        positions.begin(), positions.end(), [&](const auto& position) {
-          return images_of_rigs.count(merged.images[position.second].id) == 0;
-        });
+    const auto num_single = CountIf(positions, [&](const auto& position) {
+      return images_of_rigs.count(merged.images[position.second].id) == 0;
+    });
     if (num_single == 0) continue;
     context.Warning("database '" + inputs[i].path + "' has no rigs, but '" +
                     with_rigs->path + "' has: " + std::to_string(num_single) +
@@ -510,8 +510,7 @@ DatabaseMergeSummary MergeDatabases(const std::vector<MergeInput>& given,
   const std::vector<Input> inputs = ReadManifests(given);
   CheckShards(inputs);
   const bool has_match_shards =
-      std::any_of(inputs.begin(), inputs.end(),
-                  [](const Input& input) { return input.HasMatchesOnly(); });
+      AnyOf(inputs, [](const Input& input) { return input.HasMatchesOnly(); });
   const PartialFile partial(merged_path);
   const DatabaseMergeSummary summary =
       has_match_shards ? MergeMatches(inputs, partial.path(), context)

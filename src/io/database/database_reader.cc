@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
@@ -22,9 +23,7 @@ namespace {
 
 template <class T, class Predicate>
 void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
-  items->erase(std::remove_if(items->begin(), items->end(),
-                              [&](const T& item) { return !is_kept(item); }),
-               items->end());
+  EraseIf(items, [&](const T& item) { return !is_kept(item); });
 }
 
 }  // namespace
@@ -257,8 +256,8 @@ void ReadKeypoints(const Source& source, ImageTable* images) {
 void CheckKeypoints(const Source& source, const std::vector<ImageRow>& images) {
   Mask is_finite(images.size());
   ParallelFor(images.size(), source.context.num_threads, [&](size_t i) {
-    is_finite[i] = std::all_of(
-        images[i].keypoints_px.begin(), images[i].keypoints_px.end(),
+    is_finite[i] = AllOf(
+        images[i].keypoints_px,
         [](const Eigen::Vector2f& keypoint) { return keypoint.allFinite(); });
   });
   for (size_t i = 0; i < images.size(); ++i) {
@@ -335,11 +334,9 @@ void CheckMatches(const Source& source, const ImageTable& images,
   ParallelFor(pairs.size(), source.context.num_threads, [&](size_t i) {
     const size_t size1 = num_keypoints(pairs[i].image_id1);
     const size_t size2 = num_keypoints(pairs[i].image_id2);
-    is_in_range[i] = std::all_of(
-        pairs[i].matches.begin(), pairs[i].matches.end(),
-        [&](const Match& match) {
-          return match.keypoint_idx1 < size1 && match.keypoint_idx2 < size2;
-        });
+    is_in_range[i] = AllOf(pairs[i].matches, [&](const Match& match) {
+      return match.keypoint_idx1 < size1 && match.keypoint_idx2 < size2;
+    });
   });
   for (size_t i = 0; i < pairs.size(); ++i) {
     if (is_in_range[i] == 0) {
@@ -521,12 +518,10 @@ std::vector<std::string> ReadImageNames(const std::string& path) {
 }
 
 bool DatabaseContents::HasRigs() const {
-  return std::any_of(
-             rigs.begin(), rigs.end(),
-             [](const RigRow& rig) { return rig.sensors.size() > 1; }) ||
-         std::any_of(frames.begin(), frames.end(), [](const FrameRow& frame) {
-           return frame.data.size() > 1;
-         });
+  return AnyOf(rigs,
+               [](const RigRow& rig) { return rig.sensors.size() > 1; }) ||
+         AnyOf(frames,
+               [](const FrameRow& frame) { return frame.data.size() > 1; });
 }
 
 DatabaseContents ReadDatabase(const std::string& path, const Context& context,

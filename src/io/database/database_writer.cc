@@ -4,10 +4,10 @@
 #include <set>
 #include <system_error>
 
+#include "base/ranges.h"
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
 #include "mgsfm/database/database.h"
-#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -145,10 +145,10 @@ DatabaseContents MakeDatabaseContents(const Scene& scene,
                                          scene.images[pair.image_idx2].id,
                                          pair));
   }
-  SortById(&contents.cameras);
-  SortById(&contents.images);
-  SortById(&contents.rigs);
-  SortById(&contents.frames);
+  SortBy(&contents.cameras, &Camera::id);
+  SortBy(&contents.images, &ImageRow::id);
+  SortBy(&contents.rigs, &RigRow::id);
+  SortBy(&contents.frames, &FrameRow::id);
   return contents;
 }
 

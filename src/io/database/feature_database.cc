@@ -10,6 +10,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/ranges.h"
 #include "database/database_reader.h"
 #include "database/database_rows.h"
 #include "database/database_shard.h"
@@ -435,11 +436,9 @@ std::optional<TwoViewGeometryRow> FeatureDatabase::ReadTwoViewGeometry(
 
 std::vector<PosePriorRow> FeatureDatabase::ReadPosePriors() const {
   std::vector<PosePriorRow> priors = ReadPosePriorRows(impl_->database());
-  priors.erase(std::remove_if(priors.begin(), priors.end(),
-                              [](const PosePriorRow& prior) {
-                                return !prior.position.allFinite();
-                              }),
-               priors.end());
+  EraseIf(&priors, [](const PosePriorRow& prior) {
+    return !prior.position.allFinite();
+  });
   return priors;
 }
 

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
@@ -95,8 +96,7 @@ MergedStructure MergeImages(const std::vector<StructureInput>& inputs) {
     }
   }
   const size_t num_before = names.size();
-  std::sort(names.begin(), names.end());
-  names.erase(std::unique(names.begin(), names.end()), names.end());
+  SortUnique(&names);
   merged.has_common_images = names.size() < num_before;
   for (size_t i = 0; i < inputs.size(); ++i) {
     auto& positions = merged.image_positions.emplace_back();
@@ -341,10 +341,7 @@ size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
     rig.sensors.push_back(
         {NewId(input, sensor.camera_id), sensor.sensor_from_rig});
   }
-  std::sort(rig.sensors.begin(), rig.sensors.end(),
-            [](const RigSensorRow& a, const RigSensorRow& b) {
-              return a.camera_id < b.camera_id;
-            });
+  SortBy(&rig.sensors, &RigSensorRow::camera_id);
   for (const RigSensorRow& sensor : rig.sensors) {
     const auto found = rig_of_camera_.find(sensor.camera_id);
     if (found == rig_of_camera_.end()) continue;
@@ -383,10 +380,7 @@ void RigMerger::MergeFrame(size_t input, size_t rig, const FrameRow& row) {
     frame.data.push_back(
         {NewId(input, data.camera_id), merged_.images[position].id});
   }
-  std::sort(frame.data.begin(), frame.data.end(),
-            [](const FrameDataRow& a, const FrameDataRow& b) {
-              return a.image_id < b.image_id;
-            });
+  SortBy(&frame.data, &FrameDataRow::image_id);
   for (const FrameDataRow& data : frame.data) {
     const auto found = frame_of_image_.find(data.image_id.value());
     if (found == frame_of_image_.end()) continue;
@@ -410,20 +404,16 @@ void RigMerger::NumberRigsAndFrames() {
     size_t& first = rigs_[frame.rig].first_image;
     first = std::min<size_t>(first, frame.data.front().image_id.value());
   }
-  std::vector<size_t> order(rigs_.size());
-  for (size_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::sort(order.begin(), order.end(), [&](size_t a, size_t b) {
-    return std::tie(rigs_[a].first_image, *rigs_[a].rig.ref_camera_id) <
-           std::tie(rigs_[b].first_image, *rigs_[b].rig.ref_camera_id);
+  std::vector<size_t> order = Indices<size_t>(rigs_.size());
+  SortBy(&order, [&](size_t a) {
+    return std::tie(rigs_[a].first_image, *rigs_[a].rig.ref_camera_id);
   });
   for (size_t i = 0; i < order.size(); ++i) {
     rigs_[order[i]].rig.id = RigId(static_cast<uint32_t>(i) + 1);
     merged_.rigs.push_back(rigs_[order[i]].rig);
   }
-  std::sort(frames_.begin(), frames_.end(),
-            [](const MergedFrame& a, const MergedFrame& b) {
-              return a.data.front().image_id < b.data.front().image_id;
-            });
+  SortBy(&frames_,
+         [](const MergedFrame& a) { return a.data.front().image_id; });
   for (MergedFrame& frame : frames_) {
     merged_.frames.push_back(
         {FrameId(static_cast<uint32_t>(merged_.frames.size()) + 1),

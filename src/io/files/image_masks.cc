@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "files/image_masks.h"
 
-#include <algorithm>
 #include <opencv2/imgcodecs.hpp>
 #include <set>
 #include <system_error>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "files/image_reading.h"
 #include "files/image_writing.h"
@@ -85,8 +85,7 @@ void RemoveMasks(const fs::path& image_path, const MaskPaths& mask_paths,
     return (of_images == "" && beside.IsOfImage(name)) ||
            (of_cameras == "" && beside.IsOfFolder(name));
   };
-  names->erase(std::remove_if(names->begin(), names->end(), is_mask),
-               names->end());
+  EraseIf(names, is_mask);
 }
 
 cv::Mat ReadMask(const fs::path& path, int64_t max_num_pixels) {

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/models/model_io.h"
@@ -81,10 +82,9 @@ std::vector<ImageRecord> ReadImages(ModelFileReader file, bool with_keypoints) {
       records.back().keypoints.push_back(keypoint);
     }
   }
-  std::sort(records.begin(), records.end(),
-            [](const ImageRecord& a, const ImageRecord& b) {
-              return a.image.name < b.image.name;
-            });
+  SortBy(
+      &records,
+      [](const ImageRecord& a) -> const auto& { return a.image.name; });
   return records;
 }
 
@@ -178,9 +178,8 @@ uint64_t NumberOf(Id id) {
 template <class Item>
 void CheckIdsDiffer(const fs::path& folder, const std::string& kind,
                     const std::vector<Item>& items) {
-  std::vector<uint64_t> ids;
-  ids.reserve(items.size());
-  for (const Item& item : items) ids.push_back(NumberOf(item.id));
+  std::vector<uint64_t> ids =
+      Transformed(items, [&](const Item& item) { return NumberOf(item.id); });
   std::sort(ids.begin(), ids.end());
   const auto twice = std::adjacent_find(ids.begin(), ids.end());
   if (twice == ids.end()) return;
@@ -333,8 +332,8 @@ PoseModel ReadModelPoses(const fs::path& folder) {
 
 Model ReadModel(const fs::path& folder) {
   Model model = ReadEitherFormat(folder, false);
-  SortById(&model.cameras);
-  SortById(&model.points);
+  SortBy(&model.cameras, &Camera::id);
+  SortBy(&model.points, &ModelPoint::id);
   CheckCameras(folder, model);
   CheckTracks(folder, model);
   return model;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/ranges.h"
 #include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
@@ -139,8 +140,7 @@ class ModelWriter {
 // Sorts array positions by the ids of the elements.
 template <class Item>
 void SortIdxsById(const std::vector<Item>& items, std::vector<int>* idxs) {
-  std::sort(idxs->begin(), idxs->end(),
-            [&](int a, int b) { return items[a].id < items[b].id; });
+  SortBy(idxs, [&](int a) { return items[a].id; });
 }
 
 void ModelWriter::SelectImages() {
@@ -182,10 +182,7 @@ void ModelWriter::AssignCameras() {
       cameras_.push_back({id, camera_idx});
     }
   }
-  std::sort(cameras_.begin(), cameras_.end(),
-            [](const WrittenCamera& a, const WrittenCamera& b) {
-              return a.id < b.id;
-            });
+  SortBy(&cameras_, &WrittenCamera::id);
 }
 
 void ModelWriter::WriteCameras(ModelFile file) const {

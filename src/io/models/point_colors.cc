@@ -8,10 +8,10 @@
 
 #include "base/file_reading.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "files/image_reading.h"
 #include "mgsfm/base/error.h"
-#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -127,7 +127,7 @@ std::vector<UncoloredImage> ColorPoints(const Scene& scene,
     if (problems[i].empty()) continue;
     unused.push_back({scene.images[i].name, problems[i]});
   }
-  SortByName(&unused);
+  SortBy(&unused, &UncoloredImage::name);
   return unused;
 }
 

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <numeric>
 #include <optional>
 #include <set>
 #include <tuple>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "calibration/calibration_rigs.h"
@@ -119,7 +119,7 @@ std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
 RigInput MakeRigInput(const std::string& kind, DatabaseContents contents) {
   RigInput input;
   input.kind = kind;
-  SortByName(&contents.images);
+  SortBy(&contents.images, &ImageRow::name);
   const auto camera_of_id = IndexById(contents.cameras);
   for (const ImageRow& image : contents.images) {
     const auto camera = camera_of_id.find(image.camera_id);
@@ -132,8 +132,7 @@ RigInput MakeRigInput(const std::string& kind, DatabaseContents contents) {
 
 RigAssignment AssignAllSingle(const RigInput& input) {
   RigAssignment assignment;
-  std::vector<int> images(input.contents.images.size());
-  std::iota(images.begin(), images.end(), 0);
+  std::vector<int> images = Indices(input.contents.images.size());
   assignment.sensor_of_image.resize(images.size());
   assignment.frame_of_image.resize(images.size());
   AssignSingleImages(input, images, &assignment);
@@ -162,10 +161,8 @@ std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
     }
     return times_ns;
   }
-  std::vector<std::string> names;
-  for (const ImageRow& image : input.contents.images) {
-    names.push_back(image.name);
-  }
+  const std::vector<std::string> names =
+      Transformed(input.contents.images, &ImageRow::name);
   for (const double time_s :
        ReadImageTimes(path, names, OtherImages(input.contents.is_selection))) {
     times_ns.push_back(std::llround(time_s * kNsPerSecond));
@@ -318,11 +315,10 @@ bool HasKeypointsOutside(const Image& image, const Camera& camera) {
   const float max_x = static_cast<float>(camera.width_px) + kBorderNoise_px;
   const float max_y = static_cast<float>(camera.height_px) + kBorderNoise_px;
   const auto num_outside =
-      std::count_if(image.keypoints_px.begin(), image.keypoints_px.end(),
-                    [&](const Eigen::Vector2f& pixel) {
-                      return pixel.minCoeff() < -kBorderNoise_px ||
-                             pixel.x() > max_x || pixel.y() > max_y;
-                    });
+      CountIf(image.keypoints_px, [&](const Eigen::Vector2f& pixel) {
+        return pixel.minCoeff() < -kBorderNoise_px || pixel.x() > max_x ||
+               pixel.y() > max_y;
+      });
   return static_cast<double>(num_outside) >
          kMaxShare * static_cast<double>(image.keypoints_px.size());
 }

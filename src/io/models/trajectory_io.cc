@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "calibration/yaml_value.h"
@@ -32,10 +33,7 @@ std::optional<Rigid3> CamFromWorld(const Eigen::Vector3d& center,
 // poses at one time.
 std::vector<TimedPose> InOrder(std::vector<TimedPose> poses,
                                const std::filesystem::path& path) {
-  std::stable_sort(poses.begin(), poses.end(),
-                   [](const TimedPose& a, const TimedPose& b) {
-                     return a.timestamp_s < b.timestamp_s;
-                   });
+  StableSortBy(&poses, &TimedPose::timestamp_s);
   const auto is_repeated = [&path](const TimedPose& a, const TimedPose& b) {
     if (a.timestamp_s != b.timestamp_s) return false;
     const bool is_equal =
@@ -148,9 +146,7 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
   if (cameras.empty()) {
     throw Error("'" + path.string() + "' holds no 3x4 projection matrix");
   }
-  std::vector<Rigid3> in_order;
-  for (const auto& entry : cameras) in_order.push_back(entry.second);
-  return in_order;
+  return Transformed(cameras, [](const auto& entry) { return entry.second; });
 }
 
 Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "priors/body_calibration.h"
 
-#include <algorithm>
 #include <filesystem>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "calibration/calibration.h"
 #include "calibration/calibration_rigs.h"
@@ -46,8 +46,8 @@ BodyFile ReadFileOfBody(const std::string& path) {
   }
   BodyFile body;
   body.cameras = ReadKalibrPoses(file);
-  if (std::none_of(body.cameras.begin(), body.cameras.end(),
-                   [](const auto& c) { return c.cam_from_imu.has_value(); })) {
+  if (NoneOf(body.cameras,
+             [](const auto& c) { return c.cam_from_imu.has_value(); })) {
     throw Error("'" + path + "' has no camera with T_cam_imu; " + kLayout);
   }
   if (const auto antenna = file.Find("antenna_in_imu")) {
@@ -125,8 +125,8 @@ Body ReadBody(const Scene& scene, const std::string& path) {
     body.cam_from_body.push_back(camera ? camera->cam_from_imu : std::nullopt);
     names.push_back("'" + sensor.name + "'");
   }
-  if (std::none_of(body.cam_from_body.begin(), body.cam_from_body.end(),
-                   [](const auto& pose) { return pose.has_value(); })) {
+  if (NoneOf(body.cam_from_body,
+             [](const auto& pose) { return pose.has_value(); })) {
     throw Error("'" + path + "' has none of the cameras " +
                 Joined(names, ", ") + "; rename its cameras like them");
   }

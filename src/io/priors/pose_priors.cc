@@ -3,12 +3,12 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "database/database_rows.h"
 #include "database/sqlite_database.h"
@@ -78,15 +78,12 @@ class PriorMaker {
     const std::string& path = options_.ref_images_path;
     std::vector<TimedVector> vectors =
         ReadTimedPositions(path, options_.ref_columns);
-    std::vector<Eigen::Vector3d> positions;
-    for (const TimedVector& vector : vectors) positions.push_back(vector.value);
-    const bool are_gps = AreGps(positions, options_.ref_is_gps, source_);
+    const bool are_gps = AreGps(Transformed(vectors, &TimedVector::value),
+                                options_.ref_is_gps, source_);
     if (are_gps) {
-      vectors.erase(std::remove_if(vectors.begin(), vectors.end(),
-                                   [](const TimedVector& vector) {
-                                     return vector.value.head<2>().isZero(0.0);
-                                   }),
-                    vectors.end());
+      EraseIf(&vectors, [](const TimedVector& vector) {
+        return vector.value.head<2>().isZero(0.0);
+      });
     }
     for (const auto& [image_idx, vector] :
          InterpolateVectors(scene_, path, vectors, ClockOf(options_))) {
@@ -375,8 +372,7 @@ GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,
   }
   if (!options.use_prior_gravity) return {};
   GravityPriors gravity = ReadGravityColumn(scene, database_path);
-  if (std::none_of(gravity.images.begin(), gravity.images.end(),
-                   [](const auto& g) { return g.has_value(); })) {
+  if (NoneOf(gravity.images, [](const auto& g) { return g.has_value(); })) {
     throw Error("database '" + database_path +
                 "': there are no directions of gravity; set gravity_path, or "
                 "do not set use_prior_gravity");

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/rigs/rig_config.h"
 
-#include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "files/file_operations.h"
 #include "files/json_reading.h"
@@ -47,7 +47,7 @@ class ObjectReader {
 
   void CheckKeys(const std::vector<std::string>& known) const {
     for (const auto& [key, value] : json_.items()) {
-      if (std::find(known.begin(), known.end(), key) == known.end()) {
+      if (!Contains(known, key)) {
         Throw("has the unknown key '" + key + "'");
       }
     }
@@ -198,8 +198,8 @@ RigConfig ReadRig(const Json& json, const std::string& path,
         is_legacy ? ReadLegacyCamera(reader, object.Number(kRefCameraId))
                   : ReadCamera(reader));
   }
-  const auto num_references = std::count_if(
-      rig.cameras.begin(), rig.cameras.end(),
+  const auto num_references = CountIf(
+      rig.cameras,
       [](const RigConfigCamera& camera) { return camera.is_reference; });
   if (num_references != 1) {
     object.Throw("has " + std::to_string(num_references) +

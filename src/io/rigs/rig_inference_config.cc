@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <cstddef>
 #include <map>
 #include <optional>
@@ -8,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "rigs/name_patterns.h"
@@ -117,9 +117,8 @@ void WarnIfNamesShareNoFrame(const RigInput& input,
     keys.push_back(
         {std::to_string(sensor.rig), std::to_string(s), "", sensor.name, ""});
   }
-  const bool has_rig =
-      std::any_of(sensors_of_rig.begin(), sensors_of_rig.end(),
-                  [](const auto& rig) { return rig.second.size() > 1; });
+  const bool has_rig = AnyOf(
+      sensors_of_rig, [](const auto& rig) { return rig.second.size() > 1; });
   if (!has_rig) return;
   std::optional<std::string> suggestion;
   if (keys.size() == input.contents.images.size()) {

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <vector>
 
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 #include "rigs/name_patterns.h"
@@ -61,7 +62,7 @@ std::string CommonWordBefore(const std::vector<NameParts>& names,
   const std::string& word = names.front()[position - 1];
   const bool is_word =
       std::isalpha(static_cast<unsigned char>(word.front())) != 0 &&
-      std::all_of(names.begin(), names.end(), [&](const NameParts& parts) {
+      AllOf(names, [&](const NameParts& parts) {
         return parts[position - 1] == word;
       });
   return is_word ? word : "";
@@ -85,10 +86,9 @@ std::optional<Place> RatePlace(const std::vector<NameParts>& names,
     if (size > 1) place.num_shared += size;
   }
   place.num_frames = frame_sizes.size();
-  const auto num_called = std::count_if(
-      place.cameras.begin(), place.cameras.end(), [](const std::string& name) {
-        return IsCalledLikeCamera(name) || IsSide(name);
-      });
+  const auto num_called = CountIf(place.cameras, [](const std::string& name) {
+    return IsCalledLikeCamera(name) || IsSide(name);
+  });
   place.is_called_like_cameras =
       2 * static_cast<size_t>(num_called) > place.cameras.size();
   return place;
@@ -166,10 +166,9 @@ bool IsCertain(const Place& place, const std::vector<NameParts>& names,
     const auto first = sizes.emplace(names[i][place.position], size).first;
     if (first->second != size) return false;
   }
-  const bool may_count = std::any_of(
-      place.cameras.begin(), place.cameras.end(), [](const std::string& name) {
-        return ToLower(name).find("image") != std::string::npos;
-      });
+  const bool may_count = AnyOf(place.cameras, [](const std::string& name) {
+    return ToLower(name).find("image") != std::string::npos;
+  });
   return place.is_called_like_cameras && !may_count &&
          place.num_frames > place.cameras.size() &&
          ShareOf(place, names) >= kMinComplete;
@@ -197,11 +196,9 @@ std::vector<std::string> CertainRules(const RigInput& input,
 
 std::vector<ImageKeys> KeysByCamera(const std::vector<NameParts>& names,
                                     size_t position) {
-  std::vector<ImageKeys> keys;
-  for (const NameParts& parts : names) {
-    keys.push_back({"", parts[position], "", parts[position], ""});
-  }
-  return keys;
+  return Transformed(names, [&](const NameParts& parts) {
+    return ImageKeys{"", parts[position], "", parts[position], ""};
+  });
 }
 
 std::optional<RigRuleSuggestion> Suggest(const RigInput& input,
@@ -326,9 +323,9 @@ std::optional<Level> RateLevel(const RigInput& input,
   for (const auto& [frame, size] : frame_sizes) {
     if (size > 1) rated.num_shared += size;
   }
-  const auto num_called = std::count_if(
-      first_image_of_folder.begin(), first_image_of_folder.end(),
-      [](const auto& entry) { return IsCalledLikeCamera(entry.first); });
+  const auto num_called = CountIf(first_image_of_folder, [](const auto& entry) {
+    return IsCalledLikeCamera(entry.first);
+  });
   rated.is_called_like_cameras =
       2 * static_cast<size_t>(num_called) > first_image_of_folder.size();
   return rated;
@@ -337,11 +334,8 @@ std::optional<Level> RateLevel(const RigInput& input,
 // Keeps the levels with the property, if any has it.
 template <class Predicate>
 void Prefer(const Predicate& has_property, std::vector<Level>* levels) {
-  if (std::none_of(levels->begin(), levels->end(), has_property)) return;
-  levels->erase(
-      std::remove_if(levels->begin(), levels->end(),
-                     [&](const Level& level) { return !has_property(level); }),
-      levels->end());
+  if (NoneOf(*levels, has_property)) return;
+  EraseIf(levels, [&](const Level& level) { return !has_property(level); });
 }
 
 // The levels of folders that may identify the camera. The names of `images` are
@@ -436,9 +430,10 @@ std::vector<ImageKeys> KeysByFolders(const RigInput& input, bool by_name) {
 // the files in them are named like cameras, as in 000017/left.jpg.
 void CheckFoldersAreCameras(const RigInput& input,
                             const RigAssignment& assignment) {
-  const auto num_called = static_cast<size_t>(std::count_if(
-      assignment.sensors.begin(), assignment.sensors.end(),
-      [](const auto& sensor) { return IsCalledLikeCamera(sensor.name); }));
+  const auto num_called =
+      static_cast<size_t>(CountIf(assignment.sensors, [](const auto& sensor) {
+        return IsCalledLikeCamera(sensor.name);
+      }));
   const size_t num_sensors = assignment.sensors.size();
   if (num_sensors <= assignment.frames.size() || 2 * num_called > num_sensors) {
     return;
@@ -505,9 +500,9 @@ RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
                               const Context& context) {
   std::vector<ImageKeys> keys = KeysByFolders(input, times == nullptr);
   if (times != nullptr) {
-    const bool is_flat = std::all_of(
-        keys.begin(), keys.end(),
-        [&](const ImageKeys& key) { return key.sensor == keys[0].sensor; });
+    const bool is_flat = AllOf(keys, [&](const ImageKeys& key) {
+      return key.sensor == keys[0].sensor;
+    });
     const auto rule = is_flat ? SuggestRigRule(input) : std::nullopt;
     if (rule) {
       auto found = AssignByFoundRule(input, *rule, times, context);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/incremental_mapper.h"
 
-#include <algorithm>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "mapper/components.h"
 #include "mapper/mapper_recipe.h"
 #include "mapper/model_adjustment.h"
@@ -133,8 +133,7 @@ std::vector<MapperModel> FinishModel(const MapperRunInput& run,
   const Scene& scene = run.scene;
   MapperModel model;
   model.tracks = growth.tracks;
-  model.translation.is_metric =
-      std::any_of(scene.sensors.begin(), scene.sensors.end(), HasKnownLength);
+  model.translation.is_metric = AnyOf(scene.sensors, HasKnownLength);
   result->rotation.sensors.clear();
   model.reconstruction.sensor_from_rig = initial.sensor_from_rig;
   Reconstruction no_start;

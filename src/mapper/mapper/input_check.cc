@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "input_check/camera_motions.h"
 #include "input_check/focal_lengths.h"
 #include "input_check/image_sizes.h"
@@ -203,10 +204,8 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
         LogScales(scene, priors, model.reconstruction);
     if (scales.size() < static_cast<size_t>(kMinNumPriors)) continue;
     const double center = Median(scales);
-    std::vector<double> deviations;
-    for (const double scale : scales) {
-      deviations.push_back(std::abs(scale - center));
-    }
+    std::vector<double> deviations = Transformed(
+        scales, [&](double scale) { return std::abs(scale - center); });
     // Distances that share positions are not independent: the uncertainty is
     // the deviation of a single distance, combined with that of the known rig.
     const double sigma =
@@ -254,7 +253,7 @@ std::vector<Finding> CheckGravityPriors(const MapperResult& result) {
 }
 
 bool Concerns(const Finding& finding, const std::vector<std::string>& cameras) {
-  return std::any_of(cameras.begin(), cameras.end(), [&](const auto& name) {
+  return AnyOf(cameras, [&](const auto& name) {
     return std::count(finding.cameras.begin(), finding.cameras.end(), name) > 0;
   });
 }
@@ -265,10 +264,9 @@ bool Concerns(const Finding& finding, const std::vector<std::string>& cameras) {
 std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
   std::vector<Finding> causes;
   for (const Finding& finding : findings) {
-    const bool is_explained =
-        std::any_of(causes.begin(), causes.end(), [&](const Finding& f) {
-          return f.cause != finding.cause && Concerns(f, finding.cameras);
-        });
+    const bool is_explained = AnyOf(causes, [&](const Finding& f) {
+      return f.cause != finding.cause && Concerns(f, finding.cameras);
+    });
     if (!is_explained) causes.push_back(finding);
   }
   return causes;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/mapper/mapper.h"
 
-#include <algorithm>
 #include <optional>
 #include <utility>
 
+#include "base/ranges.h"
 #include "georegistration/metric_scale.h"
 #include "input_check/known_rigs.h"
 #include "mapper/components.h"
@@ -101,8 +101,7 @@ PositionResult PlaceComponent(const Run& run, const Measured& measured,
   stage.Finish(&model->times);
   model->translation = std::move(positions.summary);
   if (with_rig) {
-    model->translation.is_metric &=
-        std::any_of(scene.sensors.begin(), scene.sensors.end(), HasKnownLength);
+    model->translation.is_metric &= AnyOf(scene.sensors, HasKnownLength);
   }
   Reject(positions.pair_is_beyond_drift_bound,
          RejectionReason::kBaselineBeyondDriftBound, measured.verdicts);

@@ -2,7 +2,6 @@
 #include "mapper/model_adjustment.h"
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -12,6 +11,7 @@
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "bundle_adjustment/residual_field.h"
 #include "geometry/decompositions.h"
@@ -209,9 +209,8 @@ CandidateSource MakeObservedSource(const AdjustmentInput& input,
 CaptureTimes FindCaptureTimes(const Scene& scene, bool of_images) {
   const std::vector<int> rank = RankFrames(scene);
   CaptureTimes times{{rank.begin(), rank.end()}, {}, false};
-  times.are_seconds =
-      std::all_of(scene.images.begin(), scene.images.end(),
-                  [](const Image& i) { return i.timestamp_s.has_value(); });
+  times.are_seconds = AllOf(
+      scene.images, [](const Image& i) { return i.timestamp_s.has_value(); });
   for (size_t f = 0; f < rank.size() && times.are_seconds; ++f) {
     times.frames[f] = TimeOfFrame(scene, static_cast<int>(f));
   }

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
@@ -240,11 +241,9 @@ std::string DescribeRig(const ModelSummary& model) {
 size_t NumRegisteredImages(const Scene& scene, const MapperResult& result) {
   size_t count = 0;
   for (size_t i = 0; i < scene.images.size(); ++i) {
-    count += std::any_of(result.models.begin(), result.models.end(),
-                         [&](const MapperModel& model) {
-                           return model.reconstruction.IsRegistered(
-                               scene, static_cast<int>(i));
-                         });
+    count += AnyOf(result.models, [&](const MapperModel& model) {
+      return model.reconstruction.IsRegistered(scene, static_cast<int>(i));
+    });
   }
   return count;
 }
@@ -260,9 +259,8 @@ RunSummary SummarizeRun(const Scene& scene, const MapperResult& result) {
   for (const auto& [reason, number] : num_frames) {
     summary.missing_frames.push_back({number, reason});
   }
-  std::stable_sort(
-      summary.missing_frames.begin(), summary.missing_frames.end(),
-      [](const auto& a, const auto& b) { return a.num_frames > b.num_frames; });
+  StableSortDescendingBy(&summary.missing_frames,
+                         [](const auto& a) { return a.num_frames; });
   for (const MapperModel& model : result.models) {
     summary.models.push_back(SummarizeModel(scene, result, model));
   }

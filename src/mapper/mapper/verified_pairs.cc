@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/verified_pairs.h"
 
-#include <algorithm>
 #include <cstddef>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "mapper/stage.h"
 #include "moving_objects/fixed_regions.h"
 
@@ -88,9 +88,8 @@ MotionOfScene RemoveMovingObjects(const FramePairIndex& index,
   for (size_t i = 0; i < pair_of_scene.size(); ++i) {
     if (pair_of_scene[i]) view_graph.pairs[i] = std::move(*pair_of_scene[i]);
   }
-  const auto num_pairs =
-      std::count_if(motion.verdicts.begin(), motion.verdicts.end(),
-                    [](const auto& verdict) { return verdict.has_value(); });
+  const auto num_pairs = CountIf(
+      motion.verdicts, [](const auto& verdict) { return verdict.has_value(); });
   if (num_pairs > 0) {
     context.Info(std::to_string(num_pairs) + " of " +
                  std::to_string(view_graph.pairs.size()) +

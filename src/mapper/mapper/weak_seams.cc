@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/weak_seams.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <map>
@@ -11,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "bundle_adjustment/relative_covariance.h"
 #include "geometry/so3.h"
 #include "mapper/model_adjustment.h"
@@ -55,9 +55,7 @@ Reconstruction KeepSegment(const Scene& scene,
     const auto is_elsewhere = [&](const Observation& observation) {
       return !model.IsRegistered(scene, observation.image_idx);
     };
-    point.track.erase(
-        std::remove_if(point.track.begin(), point.track.end(), is_elsewhere),
-        point.track.end());
+    EraseIf(&point.track, is_elsewhere);
     if (point.track.size() >= 2) points.push_back(std::move(point));
   }
   model.points = std::move(points);
@@ -113,9 +111,7 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
   const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
   std::vector<std::pair<int, int>> segments =
       CountFrames(model, segment_of_frame);
-  std::stable_sort(
-      segments.begin(), segments.end(),
-      [](const auto& a, const auto& b) { return a.second > b.second; });
+  StableSortDescendingBy(&segments, [](const auto& a) { return a.second; });
   std::vector<MapperModel> parts;
   for (const auto& [segment, num_frames] : segments) {
     MapperModel part = model;
@@ -143,10 +139,10 @@ Confidence EstimateModelConfidence(const ConfidenceInput& input,
                                    const MapperOptions& options,
                                    const Context& context) {
   Confidence confidence = EstimateConfidence(input, options.confidence);
-  std::vector<std::pair<int, int>> frame_pairs;
-  for (const Seam& seam : confidence.seams) {
-    frame_pairs.emplace_back(seam.frame_idx_core, seam.frame_idx_beyond);
-  }
+  const std::vector<std::pair<int, int>> frame_pairs =
+      Transformed(confidence.seams, [](const Seam& seam) {
+        return std::pair<int, int>(seam.frame_idx_core, seam.frame_idx_beyond);
+      });
   const auto covariances = ComputeRelativeCovariances(
       input.scene, input.reconstruction, options.bundle_adjustment, frame_pairs,
       context);
@@ -244,8 +240,7 @@ std::vector<MapperModel> TestSeams(
 bool IsLargeEnough(const MapperModel& model, const MapperOptions& options) {
   const auto& poses = model.reconstruction.rig_from_world;
   const auto num_frames =
-      std::count_if(poses.begin(), poses.end(),
-                    [](const auto& pose) { return pose.has_value(); });
+      CountIf(poses, [](const auto& pose) { return pose.has_value(); });
   return num_frames >= options.min_num_frames &&
          !model.reconstruction.points.empty();
 }

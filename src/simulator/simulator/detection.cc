@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/ranges.h"
 #include "simulator/random_streams.h"
 #include "simulator/world.h"
 
@@ -442,10 +443,7 @@ void Detector::AppendStrongest(const Exposure& exposure,
         });
     candidates.resize(max_num_features);
   }
-  std::sort(candidates.begin(), candidates.end(),
-            [](const Candidate& a, const Candidate& b) {
-              return a.identity < b.identity;
-            });
+  SortBy(&candidates, &Candidate::identity);
   for (const Candidate& candidate : candidates) {
     Eigen::Vector2d pixel = candidate.pixel;
     if (options_.pixel_noise_px > 0.0) {

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 
@@ -168,11 +169,11 @@ Road::Road(const Drive& drive, int extension_m)
     : extension_(extension_m),
       level_from_world_(LevelFromWorld(drive)),
       grid_(Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero(), kGridCell_m) {
-  std::vector<Eigen::Vector3d> grounds;
-  for (const Rigid3& rig_from_world : drive.rig_from_world) {
-    grounds.emplace_back(level_from_world_ * rig_from_world.Center() -
-                         kCameraHeight_m * Eigen::Vector3d::UnitZ());
-  }
+  const std::vector<Eigen::Vector3d> grounds =
+      Transformed(drive.rig_from_world, [&](const Rigid3& rig_from_world) {
+        return Eigen::Vector3d(level_from_world_ * rig_from_world.Center() -
+                               kCameraHeight_m * Eigen::Vector3d::UnitZ());
+      });
   AddNodes(grounds, MeanHeading(drive, level_from_world_));
   SetHeadings();
   grid_ = CellGrid::OfPoints(Positions(), kGridCell_m);
@@ -256,12 +257,9 @@ void Road::FindRevisits() {
 }
 
 std::vector<Eigen::Vector2d> Road::Positions() const {
-  std::vector<Eigen::Vector2d> positions;
-  positions.reserve(nodes_.size());
-  for (const RoadNode& node : nodes_) {
-    positions.emplace_back(node.ground.head<2>());
-  }
-  return positions;
+  return Transformed(nodes_, [](const RoadNode& node) {
+    return Eigen::Vector2d(node.ground.head<2>());
+  });
 }
 
 bool Road::IsNear(const Eigen::Vector2d& position, double distance_m) const {

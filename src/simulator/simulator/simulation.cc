@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <numeric>
 #include <optional>
 #include <string>
 #include <utility>
 
 #include "base/format.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "simulator/detection.h"
 #include "simulator/pair_making.h"
@@ -29,11 +29,9 @@ constexpr double kPairsPerDuplicate = 30.0, kPairsPerDuplicateAtCuts = 15.0;
 // The cameras sorted by the names of their images, the canonical order of
 // scenes.
 std::vector<int> OrderByName(const std::vector<SimulatedCamera>& rig) {
-  std::vector<int> order(rig.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(), [&rig](int a, int b) {
-    return rig[a].image_prefix < rig[b].image_prefix;
-  });
+  std::vector<int> order = Indices(rig.size());
+  SortBy(
+      &order, [&](int a) -> const auto& { return rig[a].image_prefix; });
   return order;
 }
 
@@ -250,11 +248,9 @@ void Simulator::AddImages() {
       simulation_.cam_from_world.push_back(exposure.cam_from_world);
     }
   }
-  std::vector<int> drive_frames;
-  for (const int frame_idx : SortFrames(&scene)) {
-    drive_frames.push_back(drive_frames_[frame_idx]);
-  }
-  drive_frames_ = std::move(drive_frames);
+  drive_frames_ = Transformed(SortFrames(&scene), [&](int frame_idx) {
+    return drive_frames_[frame_idx];
+  });
 }
 
 int Simulator::NumDuplicates() const {

@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "simulator/random_streams.h"
@@ -192,9 +193,8 @@ bool IsOfStretch(const Surface& surface, int begin, int size) {
 }
 
 int NumFacades(const std::vector<Surface>& surfaces, int begin, int size) {
-  return static_cast<int>(std::count_if(
-      surfaces.begin(), surfaces.end(),
-      [&](const Surface& s) { return IsOfStretch(s, begin, size); }));
+  return static_cast<int>(CountIf(
+      surfaces, [&](const Surface& s) { return IsOfStretch(s, begin, size); }));
 }
 
 Surface Transformed(const Rigid3& new_from_old, const Surface& old) {
@@ -308,11 +308,8 @@ std::vector<Rigid3> DuplicateFacades(const Road& road, int num_duplicates,
     duplicates.push_back(LevelFromMiddle(road, copy, size) * shift *
                          LevelFromMiddle(road, original, size).Inverse());
     const int number = static_cast<int>(duplicates.size()) - 1;
-    surfaces->erase(std::remove_if(surfaces->begin(), surfaces->end(),
-                                   [&](const Surface& s) {
-                                     return IsOfStretch(s, copy, size);
-                                   }),
-                    surfaces->end());
+    EraseIf(surfaces,
+            [&](const Surface& s) { return IsOfStretch(s, copy, size); });
     const size_t num_surfaces = surfaces->size();
     for (size_t j = 0; j < num_surfaces; ++j) {
       if (!IsOfStretch((*surfaces)[j], original, size)) continue;

@@ -8,6 +8,7 @@
 #include <map>
 #include <optional>
 
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "simulator/random_streams.h"
@@ -82,11 +83,8 @@ class CutInspector {
   }
 
   std::vector<Common> FindCommon(int cut) const {
-    std::vector<Common> pairs;
-    for (const PairPlan& plan : plans_of_cut_[cut]) {
-      pairs.push_back(FindCommon(plan));
-    }
-    return pairs;
+    return Transformed(plans_of_cut_[cut],
+                       [&](const PairPlan& plan) { return FindCommon(plan); });
   }
   Support SupportOf(const std::vector<Common>& pairs) const;
 
@@ -140,12 +138,11 @@ int CutInspector::NumLikeWorld(const PairPlan& plan,
                                         features.identities.end(), identity);
     return features.rays[place - features.identities.begin()];
   };
-  return static_cast<int>(
-      std::count_if(identities.begin(), identities.end(), [&](int identity) {
-        return std::abs(
-                   SampsonAngle(cam2_from_cam1, ray_of(plan.image1, identity),
-                                ray_of(plan.image2, identity))) < max_error_rad;
-      }));
+  return static_cast<int>(CountIf(identities, [&](int identity) {
+    return std::abs(SampsonAngle(cam2_from_cam1, ray_of(plan.image1, identity),
+                                 ray_of(plan.image2, identity))) <
+           max_error_rad;
+  }));
 }
 
 Support CutInspector::SupportOf(const std::vector<Common>& pairs) const {
@@ -174,9 +171,7 @@ void RemoveChanged(uint64_t seed, int cut, double share,
     const auto is_changed = [&](int identity) {
       return LotOf(seed, cut, identity) >= share_of_pair;
     };
-    common.points.erase(
-        std::remove_if(common.points.begin(), common.points.end(), is_changed),
-        common.points.end());
+    EraseIf(&common.points, is_changed);
   }
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "simulator/random_streams.h"
@@ -41,10 +42,8 @@ struct Viewpoint {
 };
 
 std::vector<Viewpoint> FindViewpoints(const Drive& drive, const Road& road) {
-  std::vector<double> arcs;
-  for (const double time_s : drive.times_s) {
-    arcs.push_back(road.ArcAt(drive, time_s));
-  }
+  std::vector<double> arcs = Transformed(
+      drive.times_s, [&](double time_s) { return road.ArcAt(drive, time_s); });
   const int first = road.driven_begin();
   const int last = road.driven_end() - 1;
   std::vector<Viewpoint> viewpoints;

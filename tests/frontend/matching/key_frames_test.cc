@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "frontend/matching/rig_scene.h"
 
 namespace mgsfm {
