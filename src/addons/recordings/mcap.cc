@@ -4,7 +4,7 @@
 #include <optional>
 #include <utility>
 
-#include "mgsfm/base/error.h"
+#include "base/ranges.h"
 #include "recordings/byte_reader.h"
 #include "recordings/decompression.h"
 #include "recordings/recording.h"
@@ -32,32 +32,17 @@ struct McapRecord {
   uint64_t End() const { return offset + size; }
 };
 
-class McapFile : public RecordingFile {
+class McapFile final : public ChunkedRecordingFile {
  public:
   McapFile(const std::filesystem::path& path, const Context& context)
-      : file_(path) {
+      : ChunkedRecordingFile(path, "channel") {
     if (ReadSummary()) return;
-    topics_.clear();
+    ForgetIndex();
     type_of_schema_.clear();
-    topic_of_channel_.clear();
-    parts_.clear();
-    if (!Scan(context)) return;
-    WarnOnce("recording '" + path.string() +
-                 "' has no index, as it was not closed or is cut short; it is "
-                 "read as far as it goes",
-             context);
+    if (Scan(context)) WarnOfMissingIndex(context);
   }
 
-  void Read(const Mask& wanted, const Context& context,
-            const MessageSink& sink) override;
-
  private:
-  // A chunk, or a message that is in none.
-  struct Part {
-    RecordingChunk chunk;
-    bool is_message = false;
-  };
-
   McapRecord RecordAt(uint64_t offset) const;
   std::string ContentOf(const McapRecord& record) const;
   bool ReadSummary();
@@ -66,20 +51,16 @@ class McapFile : public RecordingFile {
   void ScanRecord(const McapRecord& record, const Context& context);
   // Schemas and channels; others are ignored.
   void AddDefinition(uint8_t kind, std::string_view content);
+  // An index may lack the channels of a chunk.
   void AddChunkIndex(std::string_view content);
   void CountMessages(std::string_view statistics);
-  int TopicOf(uint16_t channel) const;
-  // The records in a chunk, as Ros1Bag::ReadChunk.
-  std::optional<std::string> ReadChunk(const RecordingChunk& chunk) const;
-  std::optional<std::string> ReadPart(const Part& part) const;
-  // Appends a message of a wanted topic.
-  void AddMessage(std::string_view content, const Mask& wanted,
-                  std::vector<RecordedMessage>* messages) const;
+  std::optional<std::string> ReadChunk(
+      const RecordingChunk& chunk) const override;
+  void AddMessages(const RecordingChunk& chunk, std::string_view bytes,
+                   const Mask& wanted,
+                   std::vector<RecordedMessage>* messages) const override;
 
-  const RandomAccessFile file_;
   std::map<uint16_t, std::string> type_of_schema_;
-  std::map<uint16_t, int> topic_of_channel_;
-  std::vector<Part> parts_;  // by place in the file
 };
 
 McapRecord McapFile::RecordAt(uint64_t offset) const {
@@ -107,31 +88,23 @@ void McapFile::AddDefinition(uint8_t kind, std::string_view content) {
     const auto id = reader.Take<uint16_t>();
     const std::string type = type_of_schema_[reader.Take<uint16_t>()];
     const std::string topic = reader.TakeText();
-    topic_of_channel_[id] = TopicIdx(topic, type, reader.TakeText());
+    topic_of_source_[id] = TopicIdx(topic, type, reader.TakeText());
   }
-}
-
-int McapFile::TopicOf(uint16_t channel) const {
-  const auto found = topic_of_channel_.find(channel);
-  if (found == topic_of_channel_.end()) {
-    throw BytesError("has messages of an unknown channel");
-  }
-  return found->second;
 }
 
 void McapFile::AddChunkIndex(std::string_view content) {
   ByteReader reader(content);
   AddTime(static_cast<int64_t>(reader.Take<uint64_t>()));
   AddTime(static_cast<int64_t>(reader.Take<uint64_t>()));
-  Part part;
-  part.chunk.offset = reader.Take<uint64_t>();
+  RecordingChunk chunk;
+  chunk.offset = reader.Take<uint64_t>();
   (void)reader.Take<uint64_t>();  // size
   ByteReader channels(reader.TakeSized());
   while (!channels.IsEmpty()) {
-    part.chunk.topic_idxs.insert(TopicOf(channels.Take<uint16_t>()));
+    chunk.topic_idxs.insert(TopicOf(channels.Take<uint16_t>()));
     (void)channels.Take<uint64_t>();  // place of the index of messages
   }
-  parts_.push_back(std::move(part));
+  chunks_.push_back(std::move(chunk));
 }
 
 void McapFile::CountMessages(std::string_view statistics) {
@@ -174,13 +147,10 @@ bool McapFile::ReadSummary() {
   } catch (const BytesError&) {
     return false;
   }
-  std::sort(parts_.begin(), parts_.end(), [](const Part& a, const Part& b) {
-    return a.chunk.offset < b.chunk.offset;
-  });
+  SortBy(&chunks_, &RecordingChunk::offset);
   const bool has_messages =
-      std::any_of(topics_.begin(), topics_.end(),
-                  [](const auto& topic) { return topic.num_messages > 0; });
-  return has_statistics && !(has_messages && parts_.empty());
+      AnyOf(topics_, [](const auto& topic) { return topic.num_messages > 0; });
+  return has_statistics && !(has_messages && chunks_.empty());
 }
 
 std::optional<std::string> McapFile::ReadChunk(
@@ -188,6 +158,7 @@ std::optional<std::string> McapFile::ReadChunk(
   constexpr uint64_t kMinHeaderSize = 40;
   try {
     McapRecord record = RecordAt(chunk.offset);
+    if (chunk.is_message) return ContentOf(record);
     if (record.kind != kMcapChunk) return std::nullopt;
     const bool is_cut = record.End() > file_.size();
     if (is_cut) record.size = file_.size() - record.offset;
@@ -227,20 +198,20 @@ void ForEachMcapRecord(std::string_view bytes, const Use& use) {
 }
 
 void McapFile::ScanRecord(const McapRecord& record, const Context& context) {
-  Part part;
-  part.chunk.offset = record.offset - kMcapPrefixSize;
+  RecordingChunk chunk;
+  chunk.offset = record.offset - kMcapPrefixSize;
   const auto count = [&](std::string_view message) {
     ByteReader reader(message);
     const int topic = TopicOf(reader.Take<uint16_t>());
     (void)reader.Take<uint32_t>();  // counter
     AddTime(static_cast<int64_t>(reader.Take<uint64_t>()));
     ++topics_[topic].num_messages;
-    part.chunk.topic_idxs.insert(topic);
+    chunk.topic_idxs.insert(topic);
   };
   if (record.kind == kMcapChunk) {
-    const std::optional<std::string> bytes = ReadChunk(part.chunk);
+    const std::optional<std::string> bytes = ReadChunk(chunk);
     if (!bytes) {
-      WarnOnce(ChunkWarning(file_.path(), part.chunk, topics_), context);
+      WarnOfChunk(chunk, context);
       return;
     }
     ForEachMcapRecord(*bytes, [&](uint8_t kind, std::string_view content) {
@@ -248,13 +219,13 @@ void McapFile::ScanRecord(const McapRecord& record, const Context& context) {
       if (kind == kMcapMessage) count(content);
     });
   } else if (record.kind == kMcapMessage && record.End() <= file_.size()) {
-    part.is_message = true;
+    chunk.is_message = true;
     count(file_.Read(record.offset,
                      std::min(record.size, kMcapMessageHeaderSize)));
   } else if (record.kind == kMcapSchema || record.kind == kMcapChannel) {
     AddDefinition(record.kind, ContentOf(record));
   }
-  if (!part.chunk.topic_idxs.empty()) parts_.push_back(std::move(part));
+  if (!chunk.topic_idxs.empty()) chunks_.push_back(std::move(chunk));
 }
 
 bool McapFile::Scan(const Context& context) {
@@ -275,48 +246,25 @@ bool McapFile::Scan(const Context& context) {
   return true;
 }
 
-void McapFile::AddMessage(std::string_view content, const Mask& wanted,
-                          std::vector<RecordedMessage>* messages) const {
-  ByteReader reader(content);
-  const int topic = TopicOf(reader.Take<uint16_t>());
-  if (!wanted[topic]) return;
-  (void)reader.Take<uint32_t>();  // counter
-  const auto received_ns = static_cast<int64_t>(reader.Take<uint64_t>());
-  (void)reader.Take<uint64_t>();  // when it was sent
-  messages->push_back({topic, received_ns, reader.TakeBytes(reader.NumLeft())});
-}
-
-std::optional<std::string> McapFile::ReadPart(const Part& part) const {
-  if (!part.is_message) return ReadChunk(part.chunk);
-  try {
-    return ContentOf(RecordAt(part.chunk.offset));
-  } catch (const BytesError&) {  // the file has changed
-    return std::nullopt;
-  }
-}
-
-void McapFile::Read(const Mask& wanted, const Context& context,
-                    const MessageSink& sink) {
-  for (const Part& part : parts_) {
-    context.ReportProgress("reading " + file_.path().filename().string(),
-                           part.chunk.offset, file_.size());
-    // An index may lack the channels of a chunk.
-    const bool is_known = !part.chunk.topic_idxs.empty();
-    if (is_known && !part.chunk.HasAny(wanted)) continue;
-    const std::optional<std::string> bytes = ReadPart(part);
-    if (!bytes) {
-      WarnOnce(ChunkWarning(file_.path(), part.chunk, topics_), context);
-      continue;
-    }
-    std::vector<RecordedMessage> messages;
-    if (part.is_message) {
-      AddMessage(*bytes, wanted, &messages);
-    } else {
-      ForEachMcapRecord(*bytes, [&](uint8_t kind, std::string_view content) {
-        if (kind == kMcapMessage) AddMessage(content, wanted, &messages);
-      });
-    }
-    for (const RecordedMessage& message : messages) sink(message);
+void McapFile::AddMessages(const RecordingChunk& chunk, std::string_view bytes,
+                           const Mask& wanted,
+                           std::vector<RecordedMessage>* messages) const {
+  const auto add = [&](std::string_view content) {
+    ByteReader reader(content);
+    const int topic = TopicOf(reader.Take<uint16_t>());
+    if (!wanted[topic]) return;
+    (void)reader.Take<uint32_t>();  // counter
+    const auto received_ns = static_cast<int64_t>(reader.Take<uint64_t>());
+    (void)reader.Take<uint64_t>();  // when it was sent
+    messages->push_back(
+        {topic, received_ns, reader.TakeBytes(reader.NumLeft())});
+  };
+  if (chunk.is_message) {
+    add(bytes);
+  } else {
+    ForEachMcapRecord(bytes, [&](uint8_t kind, std::string_view content) {
+      if (kind == kMcapMessage) add(content);
+    });
   }
 }
 

@@ -8,6 +8,7 @@
 #include "base/file_reading.h"
 #include "base/nanoseconds.h"
 #include "base/natural_order.h"
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 #include "recordings/decompression.h"
@@ -91,23 +92,59 @@ void RecordingFile::WarnOnce(const std::string& text, const Context& context) {
   if (warnings_.insert(text).second) context.Warning(text);
 }
 
-bool RecordingChunk::HasAny(const Mask& wanted) const {
-  return std::any_of(topic_idxs.begin(), topic_idxs.end(),
-                     [&](int topic) { return bool{wanted[topic]}; });
+int ChunkedRecordingFile::TopicOf(uint32_t source) const {
+  const auto found = topic_of_source_.find(source);
+  if (found == topic_of_source_.end()) {
+    throw BytesError("has messages of an unknown " + source_);
+  }
+  return found->second;
 }
 
-std::string ChunkWarning(const fs::path& path, const RecordingChunk& chunk,
-                         const std::vector<RecordingTopic>& topics) {
-  std::vector<std::string> names;
-  for (const int topic : chunk.topic_idxs) {
-    names.push_back("'" + topics[topic].name + "'");
-  }
-  std::string text = "recording '" + path.string() + "': the chunk at byte " +
-                     std::to_string(chunk.offset) +
+void ChunkedRecordingFile::WarnOfChunk(const RecordingChunk& chunk,
+                                       const Context& context) {
+  const std::vector<std::string> names =
+      Transformed(chunk.topic_idxs,
+                  [&](int topic) { return "'" + topics_[topic].name + "'"; });
+  std::string text = "recording '" + file_.path().string() +
+                     "': the chunk at byte " + std::to_string(chunk.offset) +
                      " is damaged and skipped; copy the file again from where "
                      "it was recorded if you need its messages";
   if (!names.empty()) text += " of " + Joined(names, ", ");
-  return text;
+  WarnOnce(text, context);
+}
+
+void ChunkedRecordingFile::WarnOfMissingIndex(const Context& context) {
+  WarnOnce("recording '" + file_.path().string() +
+               "' has no index, as it was not closed or is cut short; it is "
+               "read as far as it goes",
+           context);
+}
+
+void ChunkedRecordingFile::ForgetIndex() {
+  topics_.clear();
+  topic_of_source_.clear();
+  chunks_.clear();
+}
+
+void ChunkedRecordingFile::Read(const Mask& wanted, const Context& context,
+                                const MessageSink& sink) {
+  const auto is_wanted = [&](int topic) { return bool{wanted[topic]}; };
+  for (const RecordingChunk& chunk : chunks_) {
+    context.ReportProgress("reading " + file_.path().filename().string(),
+                           chunk.offset, file_.size());
+    const bool is_known = !chunk.topic_idxs.empty();
+    if (is_known && !AnyOf(chunk.topic_idxs, is_wanted)) continue;
+    const std::optional<std::string> bytes = ReadChunk(chunk);
+    if (!bytes) {
+      WarnOfChunk(chunk, context);
+      continue;
+    }
+    // The sink is not called within AddMessages(), which ends at damaged
+    // records.
+    std::vector<RecordedMessage> messages;
+    AddMessages(chunk, *bytes, wanted, &messages);
+    for (const RecordedMessage& message : messages) sink(message);
+  }
 }
 
 Recording::Recording(const std::vector<fs::path>& paths,

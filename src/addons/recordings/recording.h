@@ -5,14 +5,18 @@
 #include <filesystem>
 #include <functional>
 #include <limits>
+#include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
+#include "recordings/byte_reader.h"
 #include "recordings/ros_messages.h"
 
 namespace mgsfm {
@@ -81,18 +85,44 @@ std::unique_ptr<RecordingFile> OpenMcap(const std::filesystem::path& path,
 // The SQLite storage of rosbag2, uncompressed or with compressed messages.
 std::unique_ptr<RecordingFile> OpenSqliteBag(const std::filesystem::path& path);
 
-// A chunk of a file, and the topics of its messages.
+// A chunk of a file, or a message that is in none.
 struct RecordingChunk {
   uint64_t offset = 0;
-  std::set<int> topic_idxs;
-
-  bool HasAny(const Mask& wanted) const;
+  std::set<int> topic_idxs;  // of its messages; empty: unknown
+  bool is_message = false;
 };
 
-// "recording 'a.bag': the chunk at byte 123 is damaged and skipped ...".
-std::string ChunkWarning(const std::filesystem::path& path,
-                         const RecordingChunk& chunk,
-                         const std::vector<RecordingTopic>& topics);
+// A file whose messages are in chunks.
+class ChunkedRecordingFile : public RecordingFile {
+ public:
+  void Read(const Mask& wanted, const Context& context,
+            const MessageSink& sink) override;
+
+ protected:
+  // `source` is what a message names instead of its topic: "channel".
+  ChunkedRecordingFile(const std::filesystem::path& path, std::string source)
+      : file_(path), source_(std::move(source)) {}
+
+  // The records in a chunk; nullopt, or those before the end of the file, if
+  // it is damaged.
+  virtual std::optional<std::string> ReadChunk(
+      const RecordingChunk& chunk) const = 0;
+  // Appends the messages of wanted topics.
+  virtual void AddMessages(const RecordingChunk& chunk, std::string_view bytes,
+                           const Mask& wanted,
+                           std::vector<RecordedMessage>* messages) const = 0;
+  int TopicOf(uint32_t source) const;
+  void WarnOfChunk(const RecordingChunk& chunk, const Context& context);
+  void WarnOfMissingIndex(const Context& context);
+  void ForgetIndex();
+
+  const RandomAccessFile file_;
+  std::map<uint32_t, int> topic_of_source_;
+  std::vector<RecordingChunk> chunks_;  // by place in the file
+
+ private:
+  const std::string source_;
+};
 
 // One or several files with one set of topics.
 class Recording {

@@ -12,6 +12,7 @@
 #include "base/grouped_warnings.h"
 #include "base/nanoseconds.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "files/file_operations.h"
@@ -379,17 +380,13 @@ void RecordingImport::SelectNearest(size_t camera_idx,
 void RecordingImport::SelectImages() {
   if (options_.sampling == RecordingSampling::kAll) {
     for (size_t c = 0; c < cameras_.size(); ++c) {
-      std::vector<int> all(images_[c].times_ns.size());
-      for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
-      Select(c, all);
+      Select(c, Indices(images_[c].times_ns.size()));
     }
     return;
   }
   const std::vector<int> leading = SelectLeading();
-  std::vector<int64_t> instants_ns;
-  for (const int idx : leading) {
-    instants_ns.push_back(images_.front().times_ns[idx]);
-  }
+  const std::vector<int64_t> instants_ns = Transformed(
+      leading, [&](int idx) { return images_.front().times_ns[idx]; });
   Select(0, leading);
   for (size_t c = 1; c < cameras_.size(); ++c) SelectNearest(c, instants_ns);
 }
@@ -496,10 +493,9 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
                 " has no image that can be decoded; choose other topics with "
                 "image_topics");
   }
-  const bool has_same_times =
-      std::all_of(images_.begin(), images_.end(), [&](const auto& images) {
-        return images.times_ns == images_.front().times_ns;
-      });
+  const bool has_same_times = AllOf(images_, [&](const auto& images) {
+    return images.times_ns == images_.front().times_ns;
+  });
   if (!has_same_times) summary.max_time_difference_s = MaxDifferenceSeconds();
   if (const auto rig =
           MakeRecordedRig(cameras_, frames_, recording_.topics(), context_)) {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "recordings/byte_reader.h"
 #include "recordings/decompression.h"
@@ -63,10 +64,10 @@ struct BagRecord {
   uint64_t End() const { return data_offset + data_size; }
 };
 
-class Ros1Bag : public RecordingFile {
+class Ros1Bag final : public ChunkedRecordingFile {
  public:
   Ros1Bag(const std::filesystem::path& path, const Context& context)
-      : file_(path) {
+      : ChunkedRecordingFile(path, "connection") {
     uint64_t index_pos = 0;
     try {
       index_pos = ReadBagHeader();
@@ -76,18 +77,10 @@ class Ros1Bag : public RecordingFile {
                   "); copy it again from where it was recorded");
     }
     if (ReadIndex(index_pos)) return;
-    topics_.clear();
-    topic_of_connection_.clear();
-    chunks_.clear();
+    ForgetIndex();
     Scan(context);
-    WarnOnce("recording '" + path.string() +
-                 "' has no index, as it was not closed or is cut short; it is "
-                 "read as far as it goes",
-             context);
+    WarnOfMissingIndex(context);
   }
-
-  void Read(const Mask& wanted, const Context& context,
-            const MessageSink& sink) override;
 
  private:
   BagRecord ReadRecord(uint64_t offset) const;
@@ -95,20 +88,18 @@ class Ros1Bag : public RecordingFile {
   bool ReadIndex(uint64_t offset);
   void Scan(const Context& context);
   void AddConnection(const BagFields& fields, std::string_view data);
-  int TopicOf(uint32_t connection) const;
-  // The records of a chunk; nullopt, or those before the end of the file, if
-  // it is damaged.
-  std::optional<std::string> ReadChunk(const RecordingChunk& chunk) const;
+  std::optional<std::string> ReadChunk(
+      const RecordingChunk& chunk) const override;
+  void AddMessages(const RecordingChunk& chunk, std::string_view bytes,
+                   const Mask& wanted,
+                   std::vector<RecordedMessage>* messages) const override;
   // Calls use(fields, data) for each record that is complete; returns whether
   // all are.
   template <class Use>
   static bool ForEachRecord(std::string_view bytes, const Use& use);
 
-  const RandomAccessFile file_;
   uint64_t records_begin_ = 0;
   uint32_t num_chunks_ = 0;
-  std::map<uint32_t, int> topic_of_connection_;
-  std::vector<RecordingChunk> chunks_;
 };
 
 BagRecord Ros1Bag::ReadRecord(uint64_t offset) const {
@@ -134,21 +125,14 @@ uint64_t Ros1Bag::ReadBagHeader() {
 
 void Ros1Bag::AddConnection(const BagFields& fields, std::string_view data) {
   const std::string topic(fields.Text("topic"));
-  topic_of_connection_[fields.Int<uint32_t>("conn")] =
+  topic_of_source_[fields.Int<uint32_t>("conn")] =
       TopicIdx(topic, std::string(BagFields(data).Text("type")), "ros1");
-}
-
-int Ros1Bag::TopicOf(uint32_t connection) const {
-  const auto found = topic_of_connection_.find(connection);
-  if (found == topic_of_connection_.end()) {
-    throw BytesError("has messages of an unknown connection");
-  }
-  return found->second;
 }
 
 // Returns false if there is no complete index.
 bool Ros1Bag::ReadIndex(uint64_t offset) {
   if (offset < records_begin_ || offset >= file_.size()) return false;
+  uint32_t num_chunks = 0;
   try {
     while (offset < file_.size()) {
       const BagRecord record = ReadRecord(offset);
@@ -167,16 +151,14 @@ bool Ros1Bag::ReadIndex(uint64_t offset) {
         chunk.topic_idxs.insert(topic);
         topics_[topic].num_messages += counts.Take<uint32_t>();
       }
-      chunks_.push_back(std::move(chunk));
+      ++num_chunks;
+      if (!chunk.topic_idxs.empty()) chunks_.push_back(std::move(chunk));
     }
   } catch (const BytesError&) {
     return false;
   }
-  if (chunks_.size() != num_chunks_) return false;
-  std::sort(chunks_.begin(), chunks_.end(),
-            [](const RecordingChunk& a, const RecordingChunk& b) {
-              return a.offset < b.offset;
-            });
+  if (num_chunks != num_chunks_) return false;
+  SortBy(&chunks_, &RecordingChunk::offset);
   return true;
 }
 
@@ -229,7 +211,7 @@ void Ros1Bag::Scan(const Context& context) {
       if (BagFields(record.header).Op() != kChunkOp) continue;
       const std::optional<std::string> bytes = ReadChunk(chunk);
       if (!bytes) {
-        WarnOnce(ChunkWarning(file_.path(), chunk, topics_), context);
+        WarnOfChunk(chunk, context);
         continue;
       }
       ForEachRecord(*bytes,
@@ -242,33 +224,21 @@ void Ros1Bag::Scan(const Context& context) {
                       chunk.topic_idxs.insert(topic);
                       ++topics_[topic].num_messages;
                     });
-      chunks_.push_back(std::move(chunk));
+      if (!chunk.topic_idxs.empty()) chunks_.push_back(std::move(chunk));
     }
   } catch (const BytesError&) {  // a record that is cut short ends the scan
   }
 }
 
-void Ros1Bag::Read(const Mask& wanted, const Context& context,
-                   const MessageSink& sink) {
-  for (const RecordingChunk& chunk : chunks_) {
-    context.ReportProgress("reading " + file_.path().filename().string(),
-                           chunk.offset, file_.size());
-    if (!chunk.HasAny(wanted)) continue;
-    const std::optional<std::string> bytes = ReadChunk(chunk);
-    if (!bytes) {
-      WarnOnce(ChunkWarning(file_.path(), chunk, topics_), context);
-      continue;
-    }
-    // Not within ForEachRecord, whose errors are about records.
-    std::vector<RecordedMessage> messages;
-    ForEachRecord(*bytes, [&](const BagFields& fields, std::string_view data) {
-      if (fields.Op() != kMessageOp) return;
-      const int topic = TopicOf(fields.Int<uint32_t>("conn"));
-      if (!wanted[topic]) return;
-      messages.push_back({topic, fields.TimeNs("time"), data});
-    });
-    for (const RecordedMessage& message : messages) sink(message);
-  }
+void Ros1Bag::AddMessages(const RecordingChunk&, std::string_view bytes,
+                          const Mask& wanted,
+                          std::vector<RecordedMessage>* messages) const {
+  ForEachRecord(bytes, [&](const BagFields& fields, std::string_view data) {
+    if (fields.Op() != kMessageOp) return;
+    const int topic = TopicOf(fields.Int<uint32_t>("conn"));
+    if (!wanted[topic]) return;
+    messages->push_back({topic, fields.TimeNs("time"), data});
+  });
 }
 
 }  // namespace

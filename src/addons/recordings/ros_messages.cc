@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "recordings/byte_reader.h"
 
@@ -89,8 +90,7 @@ class MessageReader {
     TakeAll(&v);
     const Eigen::Quaterniond rotation(v[6], v[3], v[4], v[5]);
     const bool is_valid =
-        std::all_of(v.begin(), v.end(),
-                    [](double value) { return std::isfinite(value); }) &&
+        AllOf(v, [](double value) { return std::isfinite(value); }) &&
         std::abs(rotation.norm() - 1.0) < 0.1;
     if (!is_valid)
       throw BytesError("has a pose that is not finite or no rotation");
