@@ -9,10 +9,12 @@
 #include <utility>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "moving_objects/rig_motions.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -64,9 +66,8 @@ Mask FindTurning(const Scene& scene, const FramePairIndex& index,
   };
   Mask turning;
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
-    turning.push_back(
-        frames.IsBetweenFrames() &&
-        std::any_of(frames.pair_idxs.begin(), frames.pair_idxs.end(), turns));
+    turning.push_back(frames.IsBetweenFrames() &&
+                      AnyOf(frames.pair_idxs, turns));
   }
   return turning;
 }
@@ -89,10 +90,8 @@ bool Turns(const FramePairIndex& index, const Mask& turns,
   };
   const std::vector<int> near1 = Neighbors(index, frames.frame_idx1);
   const std::vector<int> near2 = Neighbors(index, frames.frame_idx2);
-  return std::any_of(near1.begin(), near1.end(),
-                     [&](int a) { return do_turn(a, frames.frame_idx2); }) ||
-         std::any_of(near2.begin(), near2.end(),
-                     [&](int b) { return do_turn(frames.frame_idx1, b); });
+  return AnyOf(near1, [&](int a) { return do_turn(a, frames.frame_idx2); }) ||
+         AnyOf(near2, [&](int b) { return do_turn(frames.frame_idx1, b); });
 }
 
 // The inverse distance of a point from camera 1, in baselines of the pair, is
@@ -275,8 +274,7 @@ double FixedRegions::FractionOf(int sensor_idx) const {
 }
 
 bool FixedRegions::Any() const {
-  return std::any_of(of_sensor.begin(), of_sensor.end(),
-                     [](const Mask& cells) { return !cells.empty(); });
+  return AnyOf(of_sensor, [](const Mask& cells) { return !cells.empty(); });
 }
 
 FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,

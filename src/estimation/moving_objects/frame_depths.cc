@@ -13,10 +13,12 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/spanning_tree.h"
+#include "scene/observations.h"
 #include "translation_averaging/baseline_directions.h"
 #include "translation_averaging/scale_averaging.h"
 
@@ -319,9 +321,7 @@ struct Parallax {
 // The length that minimizes the sum of the absolute errors of all parallaxes:
 // the median of their lengths, weighted by those of a unit baseline.
 double FitLength(std::vector<Parallax> parallaxes) {
-  std::sort(
-      parallaxes.begin(), parallaxes.end(),
-      [](const auto& a, const auto& b) { return a.Length() < b.Length(); });
+  SortBy(&parallaxes, [](const auto& a) { return a.Length(); });
   double total = 0.0;
   for (const Parallax& parallax : parallaxes) total += parallax.by_unit_rad;
   double sum = 0.0;

@@ -61,22 +61,6 @@ struct FrameDepths {
 [[nodiscard]] double ErrorRad(const Scene& scene, int image_idx,
                               double error_px);
 
-// Calls function(match, ray1, ray2) for all matches of a pair with rays.
-template <typename Function>
-void ForEachRays(const Bearings& bearings, const ImagePair& pair,
-                 const Function& function) {
-  for (const Match& match : pair.matches) {
-    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
-        !bearings.HasRay(pair.image_idx2, keypoint2)) {
-      continue;
-    }
-    function(match, bearings.Ray(pair.image_idx1, keypoint1),
-             bearings.Ray(pair.image_idx2, keypoint2));
-  }
-}
-
 // The matches of the image pairs of two frames.
 struct FrameMatches {
   const Scene& scene;

@@ -8,7 +8,9 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "math/sorted_adjacency.h"
+#include "math/triangles.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
@@ -124,18 +126,6 @@ class TripletMarker {
   std::vector<bool> is_consistent_;        // per match
 };
 
-std::pair<int, int> ImagesOf(const PairMatches& pair) {
-  return {pair.image_idx1, pair.image_idx2};
-}
-
-// The first of the sorted pairs whose first image is not before this one.
-size_t FirstPairOf(const std::vector<PairMatches>& pairs, int image_idx) {
-  const auto first = std::partition_point(
-      pairs.begin(), pairs.end(),
-      [&](const PairMatches& pair) { return pair.image_idx1 < image_idx; });
-  return first - pairs.begin();
-}
-
 }  // namespace
 
 Mask FindTripletConsistentMatches(const ViewGraph& view_graph,
@@ -191,22 +181,15 @@ std::vector<int> CountTripletConsistentMatches(std::vector<PairMatches>* pairs,
     std::sort(pair.matches.begin(), pair.matches.end(), IsBefore);
   }
   TripletMarker marker(*pairs);
-  const size_t num_pairs = pairs->size();
-  for (size_t ab = 0; ab < num_pairs; ++ab) {
+  const auto images_of_pairs = Transformed(*pairs, [](const PairMatches& pair) {
+    return std::pair(pair.image_idx1, pair.image_idx2);
+  });
+  ForEachTriangle(images_of_pairs, [&](size_t ab, size_t ac, size_t bc) {
     context.CheckInterrupted();
-    const auto [a, b] = ImagesOf((*pairs)[ab]);
-    size_t bc = FirstPairOf(*pairs, b);
-    for (size_t ac = ab + 1; ac < num_pairs && (*pairs)[ac].image_idx1 == a;
-         ++ac) {
-      const std::pair<int, int> wanted(b, (*pairs)[ac].image_idx2);
-      while (bc < num_pairs && ImagesOf((*pairs)[bc]) < wanted) ++bc;
-      if (bc < num_pairs && ImagesOf((*pairs)[bc]) == wanted) {
-        marker.Mark(ab, ac, bc);
-      }
-    }
-  }
+    marker.Mark(ab, ac, bc);
+  });
   std::vector<int> num_triplet_consistent;
-  for (size_t i = 0; i < num_pairs; ++i) {
+  for (size_t i = 0; i < pairs->size(); ++i) {
     num_triplet_consistent.push_back(marker.Count(i));
   }
   return num_triplet_consistent;

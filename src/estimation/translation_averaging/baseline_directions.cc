@@ -15,6 +15,7 @@
 #include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -344,19 +345,12 @@ PairRays CollectRays(const Bearings& bearings, const PositionProblem& problem,
           ? Matrix3d(world_from_cam2 *
                      pair.relative_pose->cam2_from_cam1.toRotationMatrix())
           : *problem.world_from_cam[pair.image_idx1];
-  for (const Match& match : pair.matches) {
-    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
-    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
-        !bearings.HasRay(pair.image_idx2, keypoint2)) {
-      continue;
-    }
-    collected.rays.rays1.emplace_back(world_from_cam1 *
-                                      bearings.Ray(pair.image_idx1, keypoint1));
-    collected.rays.rays2.emplace_back(world_from_cam2 *
-                                      bearings.Ray(pair.image_idx2, keypoint2));
-    collected.used.push_back(match);
-  }
+  ForEachRays(bearings, pair,
+              [&](const Match& match, const auto& ray1, const auto& ray2) {
+                collected.rays.Add(world_from_cam1 * ray1,
+                                   world_from_cam2 * ray2);
+                collected.used.push_back(match);
+              });
   return collected;
 }
 

@@ -9,8 +9,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
+#include "math/triangles.h"
 
 namespace mgsfm::internal {
 namespace {
@@ -22,11 +24,6 @@ constexpr double kPriorOfTwin = 0.32;
 // The change of a probability halves in each round.
 constexpr int kNumRounds = 20;
 
-struct Neighbor {
-  int image_idx = 0;
-  size_t estimate_idx = 0;
-};
-
 // Three pairs, of the first and second, the second and third, and the first and
 // third image, and the closing errors of their motions. The bit k of the index
 // tells that the twin of the pair k takes part.
@@ -34,24 +31,6 @@ struct Triangle {
   std::array<size_t, 3> estimate_idxs{};
   std::array<float, 8> errors_rad{};
 };
-
-std::vector<std::vector<Neighbor>> NeighborsOf(
-    int num_images, const std::vector<PairEstimate>& estimates) {
-  std::vector<std::vector<Neighbor>> neighbors(num_images);
-  for (size_t i = 0; i < estimates.size(); ++i) {
-    if (!estimates[i].IsKept()) continue;
-    const ImagePair& pair = estimates[i].pair;
-    neighbors[pair.image_idx1].push_back({pair.image_idx2, i});
-    neighbors[pair.image_idx2].push_back({pair.image_idx1, i});
-  }
-  for (auto& of_image : neighbors) {
-    std::sort(of_image.begin(), of_image.end(),
-              [](const Neighbor& a, const Neighbor& b) {
-                return a.image_idx < b.image_idx;
-              });
-  }
-  return neighbors;
-}
 
 Eigen::Quaterniond RotationFrom(const PairEstimate& estimate, bool is_twin,
                                 int image_idx) {
@@ -62,9 +41,9 @@ Eigen::Quaterniond RotationFrom(const PairEstimate& estimate, bool is_twin,
 
 class TwinChoice {
  public:
-  TwinChoice(int num_images, const std::vector<PairEstimate>& estimates)
+  explicit TwinChoice(const std::vector<PairEstimate>& estimates)
       : estimates_(estimates), probabilities_(estimates.size()) {
-    FindTriangles(NeighborsOf(num_images, estimates));
+    FindTriangles();
     for (size_t i = 0; i < estimates.size(); ++i) {
       if (estimates[i].twin) probabilities_[i] = kPriorOfTwin;
     }
@@ -72,11 +51,11 @@ class TwinChoice {
 
   // Per estimate, that its twin is right.
   const std::vector<double>& Solve() {
-    std::vector<double> least;
-    for (const Triangle& triangle : triangles_) {
-      least.push_back(*std::min_element(triangle.errors_rad.begin(),
-                                        triangle.errors_rad.end()));
-    }
+    const std::vector<double> least =
+        Transformed(triangles_, [](const Triangle& triangle) {
+          return double{*std::min_element(triangle.errors_rad.begin(),
+                                          triangle.errors_rad.end())};
+        });
     if (least.empty()) return probabilities_;
     const double sigma = RobustSigma<3>(least);
     if (sigma > 0.0) {
@@ -86,23 +65,18 @@ class TwinChoice {
   }
 
  private:
-  void FindTriangles(const std::vector<std::vector<Neighbor>>& neighbors) {
-    for (size_t i = 0; i < estimates_.size(); ++i) {
-      if (!estimates_[i].IsKept()) continue;
-      const auto& of1 = neighbors[estimates_[i].pair.image_idx1];
-      const auto& of2 = neighbors[estimates_[i].pair.image_idx2];
-      auto second = of2.begin();
-      for (const Neighbor& first : of1) {
-        // Each triangle is visited at its pair of the first two images.
-        if (first.image_idx <= estimates_[i].pair.image_idx2) continue;
-        while (second != of2.end() && second->image_idx < first.image_idx) {
-          ++second;
-        }
-        if (second == of2.end()) break;
-        if (second->image_idx != first.image_idx) continue;
-        AddTriangle({i, second->estimate_idx, first.estimate_idx});
-      }
-    }
+  void FindTriangles() {
+    const auto images_of = [&](size_t i) {
+      const ImagePair& pair = estimates_[i].pair;
+      return std::pair(pair.image_idx1, pair.image_idx2);
+    };
+    std::vector<size_t> kept = Indices<size_t>(estimates_.size());
+    EraseIf(&kept, [&](size_t i) { return !estimates_[i].IsKept(); });
+    SortBy(&kept, images_of);
+    ForEachTriangle(Transformed(kept, images_of),
+                    [&](size_t ab, size_t ac, size_t bc) {
+                      AddTriangle({kept[ab], kept[bc], kept[ac]});
+                    });
   }
 
   void AddTriangle(const std::array<size_t, 3>& idxs) {
@@ -175,9 +149,8 @@ class TwinChoice {
 
 }  // namespace
 
-void ChooseTwins(int num_images, std::vector<PairEstimate>* estimates) {
-  const std::vector<double> probabilities =
-      TwinChoice(num_images, *estimates).Solve();
+void ChooseTwins(std::vector<PairEstimate>* estimates) {
+  const std::vector<double> probabilities = TwinChoice(*estimates).Solve();
   for (size_t i = 0; i < estimates->size(); ++i) {
     if (!(probabilities[i] > 0.5)) continue;
     std::swap((*estimates)[i].pair, *(*estimates)[i].twin);

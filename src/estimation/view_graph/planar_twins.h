@@ -22,6 +22,6 @@ namespace mgsfm::internal {
 // triangles (mean field, 20 damped rounds). Swaps `pair` and `twin` of pairs
 // whose twin is more probable. The result does not depend on the order of
 // images. Cost: linear in the triangles with a pair that has a twin.
-void ChooseTwins(int num_images, std::vector<PairEstimate>* estimates);
+void ChooseTwins(std::vector<PairEstimate>* estimates);
 
 }  // namespace mgsfm::internal

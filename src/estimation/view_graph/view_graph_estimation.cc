@@ -65,7 +65,7 @@ ViewGraphResult EstimateViewGraph(const Scene& scene, const Bearings& bearings,
         context.ReportProgress("view_graph", num_done, num_pairs);
       });
 
-  internal::ChooseTwins(static_cast<int>(scene.images.size()), &estimates);
+  internal::ChooseTwins(&estimates);
   ViewGraphResult result;
   result.summary.num_pairs = static_cast<int>(num_pairs);
   for (size_t i = 0; i < num_pairs; ++i) {

@@ -37,16 +37,10 @@ std::optional<double> MeanReprojectionErrorPx(
 RayMatches RaysOf(const Bearings& bearings, const ImagePair& pair) {
   RayMatches rays;
   rays.Reserve(pair.matches.size());
-  for (const Match& match : pair.matches) {
-    const int keypoint1 = static_cast<int>(match.keypoint_idx1);
-    const int keypoint2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
-        !bearings.HasRay(pair.image_idx2, keypoint2)) {
-      continue;
-    }
-    rays.Add(bearings.Ray(pair.image_idx1, keypoint1),
-             bearings.Ray(pair.image_idx2, keypoint2));
-  }
+  ForEachRays(bearings, pair,
+              [&](const Match&, const auto& ray1, const auto& ray2) {
+                rays.Add(ray1, ray2);
+              });
   return rays;
 }
 

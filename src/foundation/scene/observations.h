@@ -25,7 +25,24 @@ ObservationGroups GroupTracks(const std::vector<Point3D>& points);
 std::optional<double> MeanReprojectionErrorPx(
     const Reconstruction& reconstruction);
 
-// The rays of the matches of a pair whose keypoints both have one.
+// Calls function(match, ray1, ray2) for the matches of a pair whose keypoints
+// both have a ray.
+template <typename Function>
+void ForEachRays(const Bearings& bearings, const ImagePair& pair,
+                 const Function& function) {
+  for (const Match& match : pair.matches) {
+    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
+    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
+    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
+        !bearings.HasRay(pair.image_idx2, keypoint2)) {
+      continue;
+    }
+    function(match, bearings.Ray(pair.image_idx1, keypoint1),
+             bearings.Ray(pair.image_idx2, keypoint2));
+  }
+}
+
+// These rays.
 RayMatches RaysOf(const Bearings& bearings, const ImagePair& pair);
 
 }  // namespace mgsfm

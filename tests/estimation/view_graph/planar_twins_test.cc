@@ -64,7 +64,7 @@ TEST(PlanarTwinsTest, TrianglesTellWhichMotionIsRight) {
   int num_right = 0, num_pairs = 0;
   for (int trial = 0; trial < 10; ++trial) {
     Case test_case = MakeCase(/*num_images=*/20, /*share_wrong=*/0.35, &random);
-    ChooseTwins(20, &test_case.estimates);
+    ChooseTwins(&test_case.estimates);
     for (const PairEstimate& estimate : test_case.estimates) {
       num_right += ErrorOf(estimate.pair, test_case) <
                    ErrorOf(*estimate.twin, test_case);
@@ -95,8 +95,8 @@ TEST(PlanarTwinsTest, OrderOfImagesAndPairsDoesNotMatter) {
     }
   }
   std::reverse(renamed.begin(), renamed.end());
-  ChooseTwins(kNumImages, &test_case.estimates);
-  ChooseTwins(kNumImages, &renamed);
+  ChooseTwins(&test_case.estimates);
+  ChooseTwins(&renamed);
   std::reverse(renamed.begin(), renamed.end());
   for (size_t i = 0; i < renamed.size(); ++i) {
     const auto angle = [](const ImagePair& pair) {
@@ -110,7 +110,7 @@ TEST(PlanarTwinsTest, OrderOfImagesAndPairsDoesNotMatter) {
 TEST(PlanarTwinsTest, WithoutTrianglesTheSmallerCostDecides) {
   Random random(3);
   Case test_case = MakeCase(/*num_images=*/2, /*share_wrong=*/1.0, &random);
-  ChooseTwins(2, &test_case.estimates);
+  ChooseTwins(&test_case.estimates);
   EXPECT_GT(ErrorOf(test_case.estimates[0].pair, test_case),
             ErrorOf(*test_case.estimates[0].twin, test_case));
 }
