@@ -5,7 +5,6 @@
 #include <ctime>
 #include <exception>
 #include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
@@ -36,6 +35,7 @@
 #include "partition_run.h"
 #include "program.h"
 #include "rigs/image_times.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 
@@ -275,10 +275,7 @@ std::string WriteReportPage(const ModelPage& shown, const Context& context) {
 
 std::vector<size_t> FindImages(const Scene& model, const Scene& database,
                                const std::string& database_path) {
-  std::map<std::string, size_t> idx_of_name;
-  for (size_t i = 0; i < database.images.size(); ++i) {
-    idx_of_name.emplace(database.images[i].name, i);
-  }
+  const auto idx_of_name = IndexByName(database.images);
   std::vector<size_t> idxs;
   for (const Image& image : model.images) {
     const auto found = idx_of_name.find(image.name);

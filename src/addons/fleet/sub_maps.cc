@@ -10,11 +10,13 @@
 #include <set>
 #include <utility>
 
+#include "base/ranges.h"
 #include "fleet/sub_map_graph.h"
 #include "geometry/so3.h"
 #include "math/spanning_tree.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
+#include "scene/item_lists.h"
 #include "scene/point_lookup.h"
 
 namespace mgsfm {
@@ -30,8 +32,7 @@ constexpr double kMaxDistanceRatio = 2.0;
 size_t NumFrames(const SceneModel& model) {
   const auto& poses = model.reconstruction.rig_from_world;
   return static_cast<size_t>(
-      std::count_if(poses.begin(), poses.end(),
-                    [](const auto& pose) { return pose.has_value(); }));
+      CountIf(poses, [](const auto& pose) { return pose.has_value(); }));
 }
 
 // The sub-maps of each connected component in the order in which they are
@@ -39,10 +40,10 @@ size_t NumFrames(const SceneModel& model) {
 std::vector<std::vector<int>> OrderOfMerging(
     size_t num_sub_maps, const std::vector<SubMapEdge>& edges,
     const std::vector<int>& forest) {
-  std::vector<GraphEdge> graph;
-  for (const SubMapEdge& edge : edges) {
-    graph.push_back({edge.sub_map1, edge.sub_map2});
-  }
+  const std::vector<GraphEdge> graph =
+      Transformed(edges, [](const SubMapEdge& edge) {
+        return GraphEdge{edge.sub_map1, edge.sub_map2};
+      });
   std::vector<std::vector<int>> components;
   for (const ForestStep& step :
        WalkForest(static_cast<int>(num_sub_maps), graph, forest)) {
@@ -62,10 +63,7 @@ struct MatchedPoints {
 template <class Visitor>
 void VisitMatches(const SceneModel& model, const std::vector<CrossPair>& pairs,
                   Visitor&& visitor) {
-  std::map<std::string, int> image_of_name;
-  for (size_t i = 0; i < model.scene.images.size(); ++i) {
-    image_of_name.emplace(model.scene.images[i].name, static_cast<int>(i));
-  }
+  const auto image_of_name = IndexByName(model.scene.images);
   const PointLookup lookup(model.scene, model.reconstruction);
   for (const CrossPair& pair : pairs) {
     const auto image1 = image_of_name.find(pair.name1);
@@ -120,7 +118,7 @@ bool AreClose(const SceneModel& model, const Point3D& a, const Point3D& b) {
 bool ShareAnImage(const Point3D& a, const Point3D& b) {
   std::set<int> images;
   for (const Observation& o : a.track) images.insert(o.image_idx);
-  return std::any_of(b.track.begin(), b.track.end(), [&](const Observation& o) {
+  return AnyOf(b.track, [&](const Observation& o) {
     return images.count(o.image_idx) > 0;
   });
 }
@@ -155,10 +153,7 @@ int MergePointsOfMatches(const std::vector<CrossPair>& pairs,
     owner[sets.Find(a)] = a;
     ++num_merged;
   }
-  points.erase(
-      std::remove_if(points.begin(), points.end(),
-                     [](const Point3D& point) { return point.track.empty(); }),
-      points.end());
+  EraseIf(&points, [](const Point3D& point) { return point.track.empty(); });
   return num_merged;
 }
 
@@ -180,9 +175,9 @@ void ExtendTracks(const std::vector<CrossPair>& pairs, SceneModel* model) {
         [](const auto& a, const auto& b) { return a.second < b.second; });
     Point3D& point = model->reconstruction.points[best->first];
     const int image_idx = observation.image_idx;
-    const bool has_image = std::any_of(
-        point.track.begin(), point.track.end(),
-        [&](const Observation& o) { return o.image_idx == image_idx; });
+    const bool has_image = AnyOf(point.track, [&](const Observation& o) {
+      return o.image_idx == image_idx;
+    });
     if (!has_image) point.track.push_back(observation);
   }
   for (Point3D& point : model->reconstruction.points) {
@@ -291,11 +286,9 @@ class SubMapJoiner {
   }
 
   void SortModels() {
-    std::vector<size_t> order(joined_.models.size());
-    std::iota(order.begin(), order.end(), size_t{0});
-    std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
-      return NumFrames(joined_.models[a]) > NumFrames(joined_.models[b]);
-    });
+    std::vector<size_t> order = Indices<size_t>(joined_.models.size());
+    StableSortDescendingBy(
+        &order, [&](size_t a) { return NumFrames(joined_.models[a]); });
     JoinedMaps sorted;
     for (const size_t i : order) {
       sorted.models.push_back(std::move(joined_.models[i]));

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <map>
 
 #include "geometry/decompositions.h"
 #include "mgsfm/model_tools/model_tools.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -25,10 +25,7 @@ Eigen::Matrix3d Scatter(const std::vector<Eigen::Vector3d>& centers,
 
 std::vector<ImagePoses> PairImages(const SceneModel& model,
                                    const SceneModel& reference) {
-  std::map<std::string, int> image_of_name;
-  for (size_t i = 0; i < reference.scene.images.size(); ++i) {
-    image_of_name[reference.scene.images[i].name] = static_cast<int>(i);
-  }
+  const auto image_of_name = IndexByName(reference.scene.images);
   std::vector<ImagePoses> pairs;
   for (size_t i = 0; i < model.scene.images.size(); ++i) {
     const Image& image = model.scene.images[i];

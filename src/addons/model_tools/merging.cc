@@ -9,6 +9,7 @@
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/model_tools/model_tools.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -91,10 +92,7 @@ void UnionFinder::CheckImage(const Image& a, const Image& b) const {
 }
 
 void UnionFinder::FindImages() {
-  std::map<std::string, int> image_of_name;
-  for (size_t i = 0; i < first_.images.size(); ++i) {
-    image_of_name[first_.images[i].name] = static_cast<int>(i);
-  }
+  const auto image_of_name = IndexByName(first_.images);
   for (size_t i = 0; i < second_.images.size(); ++i) {
     const Image& b = second_.images[i];
     const auto found = image_of_name.find(b.name);

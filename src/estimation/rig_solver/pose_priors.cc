@@ -46,22 +46,18 @@ WeightedPrior WeighImagePrior(const RigProblemBase& problem,
 template <class Function>
 void VisitPriors(const RigProblemBase& problem, const RigStructure& s,
                  const RigState& state, const Function& function) {
-  for (const PositionPrior& prior : problem.position_priors) {
-    const RigProblemBase::Image& image = problem.images[prior.image];
-    function(
-        WeighImagePrior(problem, s, image, problem.position_loss,
-                        EvaluatePositionPrior(prior, state.frames[image.frame],
-                                              problem.MotionOf(prior.image),
-                                              state.sensors[image.sensor])));
-  }
-  for (const GravityPrior& prior : problem.gravity_priors) {
-    const RigProblemBase::Image& image = problem.images[prior.image];
-    function(
-        WeighImagePrior(problem, s, image, problem.gravity_loss,
-                        EvaluateGravityPrior(prior, state.frames[image.frame],
-                                             problem.MotionOf(prior.image),
-                                             state.sensors[image.sensor])));
-  }
+  const auto visit = [&](const auto& priors, const RobustLoss& loss,
+                         const auto& evaluate) {
+    for (const auto& prior : priors) {
+      const RigProblemBase::Image& image = problem.images[prior.image];
+      function(WeighImagePrior(problem, s, image, loss,
+                               evaluate(prior, state.frames[image.frame],
+                                        problem.MotionOf(prior.image),
+                                        state.sensors[image.sensor])));
+    }
+  };
+  visit(problem.position_priors, problem.position_loss, EvaluatePositionPrior);
+  visit(problem.gravity_priors, problem.gravity_loss, EvaluateGravityPrior);
   for (const SensorPrior& prior : problem.sensor_priors) {
     const PosePriorResidual r =
         EvaluateSensorPrior(prior, state.sensors[prior.sensor]);

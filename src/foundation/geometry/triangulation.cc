@@ -93,6 +93,7 @@ class RobustTriangulator {
  private:
   void TryAllHypotheses();
   void TryHypothesis(size_t i, size_t j);
+  void TakeIfBetter(const std::optional<Vector3d>& point);
   double Score(const Vector3d& point) const;
   // One least-squares step on the angles of the inliers of the best point.
   void Refine();
@@ -123,8 +124,11 @@ void RobustTriangulator::TryAllHypotheses() {
 }
 
 void RobustTriangulator::TryHypothesis(size_t i, size_t j) {
-  const auto point =
-      TriangulateTwoRays(centers_[i], rays_[i], centers_[j], rays_[j]);
+  TakeIfBetter(
+      TriangulateTwoRays(centers_[i], rays_[i], centers_[j], rays_[j]));
+}
+
+void RobustTriangulator::TakeIfBetter(const std::optional<Vector3d>& point) {
   if (!point) return;
   const double score = Score(*point);
   if (score < best_score_) {
@@ -150,13 +154,7 @@ void RobustTriangulator::Refine() {
     equations.Add(1.0 / (best_point_ - centers_[k]).squaredNorm(), centers_[k],
                   rays_[k]);
   }
-  const auto point = equations.Solve();
-  if (!point) return;
-  const double score = Score(*point);
-  if (score < best_score_) {
-    best_score_ = score;
-    best_point_ = *point;
-  }
+  TakeIfBetter(equations.Solve());
 }
 
 std::optional<RobustTriangulation> RobustTriangulator::Finish() const {

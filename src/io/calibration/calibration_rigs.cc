@@ -2,7 +2,6 @@
 #include "calibration/calibration_rigs.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -12,6 +11,8 @@
 
 #include "base/file_reading.h"
 #include "base/format.h"
+#include "base/ranges.h"
+#include "base/text_tools.h"
 #include "calibration/calibration.h"
 #include "calibration/yaml_value.h"
 #include "mgsfm/base/error.h"
@@ -29,12 +30,6 @@ struct Prefix {
   std::string text;   // "seq1/cam0/"
   std::vector<int> images;
 };
-
-std::string Lower(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
 
 // All folders, and starts of file names up to their last '_' or '-'.
 std::map<std::string, Prefix> FindPrefixes(const RigInput& input) {
@@ -79,7 +74,7 @@ class CameraMatcher {
     for (size_t round = 0; round < num_rounds; ++round) {
       MatchWith([&](const CalibratedCamera& camera, const Prefix& prefix) {
         return round < camera.names.size() &&
-               Lower(camera.names[round]) == Lower(prefix.name);
+               ToLower(camera.names[round]) == ToLower(prefix.name);
       });
     }
     MatchWith([](const CalibratedCamera& camera, const Prefix& prefix) {
@@ -90,8 +85,7 @@ class CameraMatcher {
   }
 
   bool HasMatches() const {
-    return std::any_of(camera_of_image_.begin(), camera_of_image_.end(),
-                       [](int camera) { return camera >= 0; });
+    return AnyOf(camera_of_image_, [](int camera) { return camera >= 0; });
   }
   const std::vector<const Prefix*>& PrefixesOf(size_t camera) const {
     return prefixes_of_camera_[camera];
@@ -122,9 +116,9 @@ class CameraMatcher {
     for (size_t c = 0; c < cameras_.size(); ++c) {
       if (!prefixes_of_camera_[c].empty()) continue;
       for (const auto& [text, prefix] : prefixes_) {
-        const bool is_free = std::none_of(
-            prefix.images.begin(), prefix.images.end(),
-            [this](int image) { return camera_of_image_[image] >= 0; });
+        const bool is_free = NoneOf(prefix.images, [this](int image) {
+          return camera_of_image_[image] >= 0;
+        });
         if (is_free && fits(cameras_[c], prefix)) {
           found.emplace_back(static_cast<int>(c), &prefix);
         }

@@ -2,10 +2,10 @@
 #include "rigs/rig_inference.h"
 
 #include <algorithm>
-#include <cctype>
 #include <map>
 #include <set>
 
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
@@ -50,8 +50,7 @@ class Numbering {
 }  // namespace
 
 bool IsCalledLikeCamera(std::string name) {
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
+  name = ToLower(name);
   constexpr const char* kWords[] = {"cam",  "image", "left", "right",
                                     "lens", "front", "rear", "back"};
   return std::any_of(
@@ -353,10 +352,8 @@ std::optional<std::vector<std::string>> TableAssigner::FoldersAtLevel(
     if (folder && *folder != path[level]) return std::nullopt;
     folder = path[level];
   }
-  std::vector<std::string> names;
-  names.reserve(folders.size());
-  for (const auto& folder : folders) names.push_back(folder.value_or(""));
-  return names;
+  return Transformed(folders,
+                     [](const auto& folder) { return folder.value_or(""); });
 }
 
 std::optional<std::vector<std::string>> TableAssigner::TellingParts(

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <string>
 
+#include "base/ranges.h"
 #include "pair_filtering/pair_verdicts.h"
 
 namespace mgsfm {
@@ -27,13 +28,9 @@ void LogRejectedPairs(const Scene& scene,
 void SortBySize(std::vector<MapperModel>* models) {
   const auto num_frames = [](const MapperModel& model) {
     const auto& poses = model.reconstruction.rig_from_world;
-    return std::count_if(poses.begin(), poses.end(),
-                         [](const auto& pose) { return pose.has_value(); });
+    return CountIf(poses, [](const auto& pose) { return pose.has_value(); });
   };
-  std::stable_sort(models->begin(), models->end(),
-                   [&](const MapperModel& a, const MapperModel& b) {
-                     return num_frames(a) > num_frames(b);
-                   });
+  StableSortDescendingBy(models, num_frames);
 }
 
 // Drops the models of fewer than min_model_size images, except for the first
@@ -141,8 +138,20 @@ Mask KeepLargeModels(const Scene& scene, const MapperOptions& options,
   return DropSmallModels(scene, options.min_model_size, models);
 }
 
+void ListFramesWithoutPose(const MapperModel& model,
+                           std::vector<std::string> reasons,
+                           MapperResult* result) {
+  for (const DroppedFrame& frame : model.bundle.dropped_frames) {
+    reasons[frame.frame_idx] = frame.reason;
+  }
+  for (size_t i = 0; i < reasons.size(); ++i) {
+    if (model.reconstruction.rig_from_world[i]) continue;
+    result->unregistered_frames.push_back({static_cast<int>(i), reasons[i]});
+  }
+}
+
 bool IsInModel(const std::vector<MapperModel>& models, size_t frame_idx) {
-  return std::any_of(models.begin(), models.end(), [&](const MapperModel& m) {
+  return AnyOf(models, [&](const MapperModel& m) {
     return m.reconstruction.rig_from_world[frame_idx].has_value();
   });
 }

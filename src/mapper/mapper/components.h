@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "mapper/verified_pairs.h"
@@ -42,6 +43,12 @@ void ListUnregistered(const Scene& scene, const EstimatedRotations& rotations,
                       const Mask& frame_is_ambiguous,
                       const Mask& is_in_small_model,
                       const MapperOptions& options, MapperResult* result);
+
+// Lists the frames without a pose in one model, with the reason of its bundle
+// adjustment or else the given one.
+void ListFramesWithoutPose(const MapperModel& model,
+                           std::vector<std::string> reasons,
+                           MapperResult* result);
 
 // Whether one of the models has a frame.
 [[nodiscard]] bool IsInModel(const std::vector<MapperModel>& models,

@@ -7,7 +7,9 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "bundle_adjustment/selected_tracks.h"
+#include "mapper/components.h"
 #include "mapper/input_check.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
@@ -30,11 +32,9 @@ ViewGraph LinkObservations(const Scene& scene,
   std::map<std::pair<int, int>, std::vector<Match>> matches;
   for (const Point3D& point : points) {
     std::vector<Observation> track = point.track;
-    std::stable_sort(track.begin(), track.end(),
-                     [&](const Observation& a, const Observation& b) {
-                       return scene.images[a.image_idx].frame_idx <
-                              scene.images[b.image_idx].frame_idx;
-                     });
+    StableSortBy(&track, [&](const Observation& a) {
+      return scene.images[a.image_idx].frame_idx;
+    });
     for (size_t i = 1; i < track.size(); ++i) {
       const auto& [a, b] = std::minmax(track[i - 1], track[i]);
       matches[{a.image_idx, b.image_idx}].push_back(
@@ -61,7 +61,7 @@ class KeypointColors {
     const auto is_colored = [](const Point3D& point) {
       return point.color != Color::Zero();
     };
-    if (std::none_of(model.points.begin(), model.points.end(), is_colored)) {
+    if (NoneOf(model.points, is_colored)) {
       return;
     }
     lookup_.emplace(scene, model);
@@ -111,19 +111,6 @@ void AddConfidence(const Scene& scene, const MapperOptions& options,
   stage.Finish(&model->times);
 }
 
-void ListFramesWithoutPose(const Scene& scene, MapperResult* result) {
-  const MapperModel& model = result->models.front();
-  std::vector<std::string> reasons(scene.frames.size(),
-                                   "no sub-map has its pose");
-  for (const DroppedFrame& frame : model.bundle.dropped_frames) {
-    reasons[frame.frame_idx] = frame.reason;
-  }
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    if (model.reconstruction.rig_from_world[i]) continue;
-    result->unregistered_frames.push_back({static_cast<int>(i), reasons[i]});
-  }
-}
-
 }  // namespace
 
 MapperResult AdjustJoinedModel(const JoinedModel& input,
@@ -134,8 +121,7 @@ MapperResult AdjustJoinedModel(const JoinedModel& input,
   AdjustmentInput adjustment{scene, tracks, tracks, input.positions,
                              input.gravity};
   adjustment.pair_is_used.assign(tracks.pairs.size(), true);
-  adjustment.is_metric =
-      std::any_of(scene.sensors.begin(), scene.sensors.end(), HasKnownLength);
+  adjustment.is_metric = AnyOf(scene.sensors, HasKnownLength);
   adjustment.start = input.parts;
   MapperResult result;
   MapperModel model;
@@ -170,7 +156,10 @@ MapperResult AdjustJoinedModel(const JoinedModel& input,
   }
   DescribeSensors(scene, start, {}, &model, &result);
   result.models.push_back(std::move(model));
-  ListFramesWithoutPose(scene, &result);
+  ListFramesWithoutPose(
+      result.models.front(),
+      std::vector<std::string>(scene.frames.size(), "no sub-map has its pose"),
+      &result);
   LogFindings(result, context);
   return result;
 }

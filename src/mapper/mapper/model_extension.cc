@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/model_extension.h"
 
-#include <algorithm>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "mapper/components.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/stage.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/mapper/mapper.h"
 #include "registration/frame_addition.h"
+#include "soft_rig/shared_calibration.h"
 
 namespace mgsfm {
 namespace {
@@ -58,13 +59,7 @@ void ListFramesNotAdded(const Scene& scene,
     reasons[frame.frame_idx] =
         ReasonForRejection(frame, options.extension.resection);
   }
-  for (const DroppedFrame& frame : model.bundle.dropped_frames) {
-    reasons[frame.frame_idx] = frame.reason;
-  }
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    if (model.reconstruction.rig_from_world[i]) continue;
-    result->unregistered_frames.push_back({static_cast<int>(i), reasons[i]});
-  }
+  ListFramesWithoutPose(model, std::move(reasons), result);
   if (result->unregistered_frames.empty()) return;
   const UnregisteredFrame& first = result->unregistered_frames.front();
   context.Warning(std::to_string(result->unregistered_frames.size()) +
@@ -179,9 +174,8 @@ void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
   stage.Finish(&model.times);
   model.extension = std::move(extended.summary);
   model.extension->frames_are_fixed = are_fixed;
-  model.extension->num_existing_frames = static_cast<int>(std::count_if(
-      start.rig_from_world.begin(), start.rig_from_world.end(),
-      [](const std::optional<Rigid3>& pose) { return pose.has_value(); }));
+  model.extension->num_existing_frames =
+      static_cast<int>(FramesWith(start.rig_from_world).Count());
   model.num_frames_in_component = static_cast<int>(scene.frames.size());
   AdjustModel(input, options, context, std::move(extended.model), &model);
   DescribeSensors(scene, start, model.extension->placed_sensors, &model,
@@ -226,16 +220,13 @@ MapperResult TriangulatePoints(const MapperInput& input,
   model.extension = ExtensionSummary();
   model.extension->frames_are_fixed =
       !options.bundle_adjustment.refine_rig_from_world;
-  std::vector<std::string> reasons(scene.frames.size(),
-                                   "it is not in the input model");
-  for (const DroppedFrame& frame : model.bundle.dropped_frames) {
-    reasons[frame.frame_idx] = frame.reason;
-  }
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    model.extension->num_existing_frames += start.rig_from_world[i].has_value();
-    if (model.reconstruction.rig_from_world[i]) continue;
-    result.unregistered_frames.push_back({static_cast<int>(i), reasons[i]});
-  }
+  model.extension->num_existing_frames =
+      static_cast<int>(FramesWith(start.rig_from_world).Count());
+  ListFramesWithoutPose(
+      model,
+      std::vector<std::string>(scene.frames.size(),
+                               "it is not in the input model"),
+      &result);
   model.num_frames_in_component = model.extension->num_existing_frames;
   DescribeSensors(scene, start, {}, &model, &result);
   if (!model.reconstruction.points.empty()) {
