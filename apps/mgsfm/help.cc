@@ -153,8 +153,7 @@ const Table& NeedlessOptions() {
       {"tri_", kGlobal},
       {"upright", "leave it out: features have orientations"},
       {"use_gpu", kNoGpu},
-      {"use_turning_loops",
-       "leave it out: the rule rejected correct loops and is gone"}};
+      {"use_turning_loops", "leave it out: loops at turns need no rule"}};
   return kTable;
 }
 

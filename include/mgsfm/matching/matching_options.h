@@ -12,7 +12,7 @@ namespace mgsfm {
 
 // ------------------------------------------------- matching and verification
 
-// Names are COLMAP's, and defaults but that of guided_matching.
+// Names and defaults are COLMAP's, except the default of guided_matching.
 struct DescriptorMatchingOptions {
   Option<double> max_ratio{
       "max_ratio", 0.8, GreaterThan(0.0),

@@ -20,16 +20,20 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Half and twice these numbers take as long or longer (docs/results/
-// front_end.md).
+// Half and twice these numbers take as long or longer
+// (docs/results/front_end.md).
 constexpr int kNumCellsPerSide = 6;
 constexpr size_t kKeypointsPerLandmark = 10;
+// Matches that the motion does not explain may show another lens
+// (fisheye_detection.h) or a rival motion. If there are many, all descriptors
+// are compared.
+constexpr double kMinExplainedShare = 0.8;
 
-// The epipolar planes of two views. Rays are those of the cameras, or pixels
-// about the image center for uncalibrated pairs, whose planes have no
-// orientation.
+// The epipolar planes of two views. The rays of an uncalibrated pair ignore
+// distortion, and its planes have no orientation.
 struct EpipolarPencil {
   Matrix3d E;  // normal = E ray1
+  double product_of_singular_values = 1.0;
   Vector3d epipole1, epipole2;
   Vector3d axis_x, axis_y;  // orthogonal to epipole 2
   double period = 0.0;      // of azimuths
@@ -39,38 +43,32 @@ struct EpipolarPencil {
     const double azimuth = std::atan2(normal.dot(axis_y), normal.dot(axis_x));
     return azimuth - period * std::floor(azimuth / period);
   }
+  // The derivative of the azimuth about epipole 2 by that about epipole 1, 1
+  // for calibrated pairs. `sine` is that of the angle of ray 1 from epipole 1.
+  double StretchOf(const Vector3d& normal, double sine) const {
+    return product_of_singular_values * sine * sine / normal.squaredNorm();
+  }
 };
 
-// From pixels to rays of an uncalibrated camera, whose length is arbitrary.
-Matrix3d RayFromPixelMatrix(const Camera& camera) {
-  const double scale =
-      1.0 / PixelsPerRadian(camera.model, camera.params.data());
-  Matrix3d T = Matrix3d::Identity();
-  T(0, 0) = T(1, 1) = scale;
-  T(0, 2) = -0.5 * scale * camera.width_px;
-  T(1, 2) = -0.5 * scale * camera.height_px;
-  return T;
-}
-
-// Rotations have epipolar planes of any baseline.
 EpipolarPencil MakePencil(const VerificationView& view1,
                           const VerificationView& view2,
                           const ImagePair& pair) {
   EpipolarPencil pencil;
   if (pair.relative_pose) {
-    const Eigen::Quaterniond& rotation = pair.relative_pose->cam2_from_cam1;
-    pencil.epipole2 =
-        pair.relative_pose->translation_direction.value_or(Vector3d::UnitX());
-    pencil.epipole1 = rotation.conjugate() * pencil.epipole2;
-    pencil.E = EssentialFromPose({rotation, pencil.epipole2});
+    const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
+                      *pair.relative_pose->translation_direction};
+    pencil.epipole2 = pose.translation;
+    pencil.epipole1 = pose.rotation.conjugate() * pose.translation;
+    pencil.E = EssentialFromPose(pose);
     pencil.period = 2.0 * M_PI;
     pencil.is_calibrated = true;
   } else {
-    const Matrix3d T1 = RayFromPixelMatrix(*view1.camera);
-    const Matrix3d T2 = RayFromPixelMatrix(*view2.camera);
-    pencil.E = T2.inverse().transpose() * *pair.F * T1.inverse();
+    pencil.E = LinearPart(*view2.camera).transpose() * *pair.F *
+               LinearPart(*view1.camera);
     const Eigen::JacobiSVD<Matrix3d> svd(
         pencil.E, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    pencil.product_of_singular_values =
+        svd.singularValues()[0] * svd.singularValues()[1];
     pencil.epipole1 = svd.matrixV().col(2);
     pencil.epipole2 = svd.matrixU().col(2);
     pencil.period = M_PI;
@@ -81,105 +79,106 @@ EpipolarPencil MakePencil(const VerificationView& view1,
 }
 
 // Where the epipolar plane of a keypoint may be.
-struct Place {
+struct KeypointPlane {
   // Half-widths of one class differ by at most a factor of sqrt(2).
   int width_class = 0;
   double azimuth = 0.0;
   uint32_t keypoint_idx = 0;
   double half_width = 0.0;
 
-  friend bool operator<(const Place& a, const Place& b) {
+  friend bool operator<(const KeypointPlane& a, const KeypointPlane& b) {
     return std::tie(a.width_class, a.azimuth, a.keypoint_idx) <
            std::tie(b.width_class, b.azimuth, b.keypoint_idx);
   }
 };
 
-// The places of all keypoints of an image, sorted. Landmarks and keypoints at
+// The planes of all keypoints of an image, sorted. Landmarks and keypoints at
 // the epipole may be anywhere.
-std::vector<Place> PlacesOf(const EpipolarPencil& pencil, bool is_first,
-                            const MatchingView& view, size_t num_keypoints,
-                            double max_error_rad) {
+std::vector<KeypointPlane> PlanesOf(const EpipolarPencil& pencil, bool is_first,
+                                    const MatchingView& view,
+                                    size_t num_keypoints,
+                                    double max_error_rad) {
   const Vector3d& epipole = is_first ? pencil.epipole1 : pencil.epipole2;
-  const Matrix3d T = RayFromPixelMatrix(*view.geometry.camera);
-  std::vector<Place> places(num_keypoints);
+  const Matrix3d inverse_K = LinearPart(*view.geometry.camera).inverse();
+  std::vector<KeypointPlane> planes(num_keypoints);
   for (size_t i = 0; i < num_keypoints; ++i) {
-    Place& place = places[i];
-    place.keypoint_idx = static_cast<uint32_t>(i);
-    place.half_width = pencil.period;
+    KeypointPlane& plane = planes[i];
+    plane.keypoint_idx = static_cast<uint32_t>(i);
+    plane.half_width = pencil.period;
     std::optional<Vector3d> ray = (*view.geometry.rays)[i];
     if (!pencil.is_calibrated) {
-      ray =
-          Vector3d(
-              T * (*view.geometry.keypoints_px)[i].cast<double>().homogeneous())
-              .normalized();
+      ray = LinearRay(inverse_K, (*view.geometry.keypoints_px)[i]);
     }
     const double sine = ray ? epipole.cross(*ray).norm() : 0.0;
     const bool is_landmark =
         std::binary_search(view.landmarks->begin(), view.landmarks->end(), i);
     if (sine > max_error_rad && !is_landmark) {
-      place.half_width = std::asin(max_error_rad / sine);
-      place.azimuth = pencil.AzimuthOf(is_first ? Vector3d(pencil.E * *ray)
-                                                : pencil.epipole2.cross(*ray));
+      const Vector3d normal =
+          is_first ? Vector3d(pencil.E * *ray) : pencil.epipole2.cross(*ray);
+      plane.half_width = std::asin(max_error_rad / sine) *
+                         (is_first ? pencil.StretchOf(normal, sine) : 1.0);
+      plane.azimuth = pencil.AzimuthOf(normal);
     }
-    place.width_class =
-        static_cast<int>(std::floor(2.0 * std::log2(place.half_width)));
+    plane.width_class =
+        static_cast<int>(std::floor(2.0 * std::log2(plane.half_width)));
   }
-  std::sort(places.begin(), places.end());
-  return places;
+  std::sort(planes.begin(), planes.end());
+  return planes;
 }
 
-// Consecutive places with similar azimuths or half-widths.
-struct PlaceRange {
+// Consecutive planes with similar azimuths or half-widths.
+struct PlaneRange {
   size_t begin = 0;
   size_t end = 0;
   double min_azimuth = 0.0;
   double max_azimuth = 0.0;
   double max_half_width = 0.0;
 
-  PlaceRange(const std::vector<Place>& places, size_t range_begin,
+  PlaneRange(const std::vector<KeypointPlane>& planes, size_t range_begin,
              size_t range_end)
       : begin(range_begin),
         end(range_end),
-        min_azimuth(places[begin].azimuth),
+        min_azimuth(planes[begin].azimuth),
         max_azimuth(min_azimuth) {
     for (size_t i = begin; i < end; ++i) {
-      min_azimuth = std::min(min_azimuth, places[i].azimuth);
-      max_azimuth = std::max(max_azimuth, places[i].azimuth);
-      max_half_width = std::max(max_half_width, places[i].half_width);
+      min_azimuth = std::min(min_azimuth, planes[i].azimuth);
+      max_azimuth = std::max(max_azimuth, planes[i].azimuth);
+      max_half_width = std::max(max_half_width, planes[i].half_width);
     }
   }
 };
 
-std::vector<PlaceRange> WidthClasses(const std::vector<Place>& places) {
-  std::vector<PlaceRange> classes;
-  for (size_t begin = 0, end = 0; begin < places.size(); begin = end) {
-    while (end < places.size() &&
-           places[end].width_class == places[begin].width_class) {
+std::vector<PlaneRange> WidthClasses(const std::vector<KeypointPlane>& planes) {
+  std::vector<PlaneRange> classes;
+  for (size_t begin = 0, end = 0; begin < planes.size(); begin = end) {
+    while (end < planes.size() &&
+           planes[end].width_class == planes[begin].width_class) {
       ++end;
     }
-    classes.emplace_back(places, begin, end);
+    classes.emplace_back(planes, begin, end);
   }
   return classes;
 }
 
-TileSelection SelectBand(const std::vector<Place>& places1,
-                         const std::vector<Place>& places2, double period) {
-  TileSelection tiles(places1.size(), places2.size());
-  const std::vector<PlaceRange> classes = WidthClasses(places2);
-  const auto first_at = [&](const PlaceRange& range, double azimuth) {
-    const auto begin = places2.begin();
+TileSelection SelectBand(const std::vector<KeypointPlane>& planes1,
+                         const std::vector<KeypointPlane>& planes2,
+                         double period) {
+  TileSelection tiles(planes1.size(), planes2.size());
+  const std::vector<PlaneRange> classes = WidthClasses(planes2);
+  const auto first_at = [&](const PlaneRange& range, double azimuth) {
+    const auto begin = planes2.begin();
     return static_cast<size_t>(
         std::lower_bound(begin + static_cast<std::ptrdiff_t>(range.begin),
                          begin + static_cast<std::ptrdiff_t>(range.end),
                          azimuth,
-                         [](const Place& place, double value) {
-                           return place.azimuth < value;
+                         [](const KeypointPlane& plane, double value) {
+                           return plane.azimuth < value;
                          }) -
         begin);
   };
-  for (size_t i = 0; i < places1.size(); i += kTileRows) {
-    const PlaceRange rows(places1, i, std::min(i + kTileRows, places1.size()));
-    for (const PlaceRange& columns : classes) {
+  for (size_t i = 0; i < planes1.size(); i += kTileRows) {
+    const PlaneRange rows(planes1, i, std::min(i + kTileRows, planes1.size()));
+    for (const PlaneRange& columns : classes) {
       const double width = rows.max_half_width + columns.max_half_width;
       const double lower = rows.min_azimuth - width;
       const double upper = rows.max_azimuth + width;
@@ -225,8 +224,8 @@ std::vector<Match> MatchListed(DescriptorView descriptors1,
   return matches;
 }
 
-// Verifies the matches of the landmarks; nullopt if most of them contradict the
-// motion.
+// Verifies the matches of the landmarks; nullopt if they do not determine the
+// epipolar planes, or if too many of them contradict the motion.
 std::optional<ImagePair> FindMotion(const MatchingView& view1,
                                     const MatchingView& view2,
                                     const DescriptorMatchingOptions& matching,
@@ -243,16 +242,22 @@ std::optional<ImagePair> FindMotion(const MatchingView& view1,
                   landmarks(view2), matching, nullptr);
   ImagePair pair =
       VerifyPair(view1.geometry, view2.geometry, matches, two_view, random);
-  const bool is_explained = 2 * pair.matches.size() > matches.size() &&
-                            pair.config != TwoViewConfig::kWatermark;
-  if (!is_explained) return std::nullopt;
+  // Landmarks on a plane, or without parallax, do not determine the epipolar
+  // planes of other points.
+  const bool has_planes = pair.config == TwoViewConfig::kCalibrated ||
+                          pair.config == TwoViewConfig::kUncalibrated;
+  if (!has_planes ||
+      static_cast<double>(pair.matches.size()) <
+          kMinExplainedShare * static_cast<double>(matches.size())) {
+    return std::nullopt;
+  }
   return pair;
 }
 
-std::vector<uint32_t> KeypointsOf(const std::vector<Place>& places) {
+std::vector<uint32_t> KeypointsOf(const std::vector<KeypointPlane>& planes) {
   std::vector<uint32_t> idxs;
-  idxs.reserve(places.size());
-  for (const Place& place : places) idxs.push_back(place.keypoint_idx);
+  idxs.reserve(planes.size());
+  for (const KeypointPlane& plane : planes) idxs.push_back(plane.keypoint_idx);
   return idxs;
 }
 
@@ -263,14 +268,17 @@ std::vector<uint32_t> SelectLandmarks(
   std::vector<std::vector<std::pair<float, uint32_t>>> cells(
       static_cast<size_t>(kNumCellsPerSide) * kNumCellsPerSide);
   const auto index = [](double value, double size) {
-    return static_cast<size_t>(
-        std::clamp(static_cast<int>(value / size * kNumCellsPerSide), 0,
-                   kNumCellsPerSide - 1));
+    const double cell = value / size * kNumCellsPerSide;
+    return cell > 0.0
+               ? static_cast<size_t>(std::min(cell, kNumCellsPerSide - 1.0))
+               : size_t{0};
   };
   for (size_t i = 0; i < keypoints.size(); ++i) {
+    const float scale_px = keypoints[i].ScalePx();
     cells[index(keypoints[i].y_px, camera.height_px) * kNumCellsPerSide +
           index(keypoints[i].x_px, camera.width_px)]
-        .emplace_back(-keypoints[i].ScalePx(), static_cast<uint32_t>(i));
+        .emplace_back(std::isfinite(scale_px) ? -scale_px : 0.0F,
+                      static_cast<uint32_t>(i));
   }
   std::vector<uint32_t> landmarks;
   for (auto& cell : cells) {
@@ -303,14 +311,14 @@ std::vector<Match> MatchGuided(const MatchingView& view1,
   const double max_error_rad =
       two_view.max_error *
       RadiansPerPixel(*view1.geometry.camera, *view2.geometry.camera);
-  const std::vector<Place> places1 =
-      PlacesOf(pencil, true, view1, size1, max_error_rad);
-  const std::vector<Place> places2 =
-      PlacesOf(pencil, false, view2, size2, max_error_rad);
-  const TileSelection tiles = SelectBand(places1, places2, pencil.period);
+  const std::vector<KeypointPlane> planes1 =
+      PlanesOf(pencil, true, view1, size1, max_error_rad);
+  const std::vector<KeypointPlane> planes2 =
+      PlanesOf(pencil, false, view2, size2, max_error_rad);
+  const TileSelection tiles = SelectBand(planes1, planes2, pencil.period);
   std::vector<Match> matches =
-      MatchListed(view1.descriptors, KeypointsOf(places1), view2.descriptors,
-                  KeypointsOf(places2), matching, &tiles);
+      MatchListed(view1.descriptors, KeypointsOf(planes1), view2.descriptors,
+                  KeypointsOf(planes2), matching, &tiles);
   std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
     return a.keypoint_idx1 < b.keypoint_idx1;
   });

@@ -57,8 +57,8 @@ class TileSelection {
 
 // The exact two nearest neighbors of all descriptors of both images, by all dot
 // products: 128 |1| |2| multiplications. Products are computed in tiles that
-// stay in registers and cache and serve both directions. With `tiles`, the two
-// nearest in selected tiles, by their products.
+// stay in registers and cache and serve both directions. With `tiles`, only
+// selected tiles are searched.
 // The result is the same for all instruction sets.
 TwoNearestOfPair FindTwoNearest(DescriptorView descriptors1,
                                 DescriptorView descriptors2, InstructionSet set,

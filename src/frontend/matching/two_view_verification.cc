@@ -50,8 +50,8 @@ bool IsPerspective(const Camera& camera) {
   }
 }
 
-// Calibration matrix of a perspective camera without its distortion; identity
-// for other models.
+}  // namespace
+
 Eigen::Matrix3d LinearPart(const Camera& camera) {
   Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
   if (!IsPerspective(camera)) return K;
@@ -63,6 +63,13 @@ Eigen::Matrix3d LinearPart(const Camera& camera) {
   K(1, 2) = camera.params[info.principal_point_idxs.back()];
   return K;
 }
+
+Eigen::Vector3d LinearRay(const Eigen::Matrix3d& inverse_K,
+                          const Eigen::Vector2f& keypoint_px) {
+  return (inverse_K * keypoint_px.cast<double>().homogeneous()).normalized();
+}
+
+namespace {
 
 // Conversion from rays, f2^T F f1 = 0 and f2 ~ H f1, to pixels.
 Eigen::Matrix3d FundamentalInPixels(const Eigen::Matrix3d& F,
@@ -131,11 +138,6 @@ MatchedRays GatherRays(const VerificationView& view1,
                        bool is_calibrated) {
   const Eigen::Matrix3d inverse_K1 = LinearPart(*view1.camera).inverse();
   const Eigen::Matrix3d inverse_K2 = LinearPart(*view2.camera).inverse();
-  const auto linear_ray = [](const Eigen::Matrix3d& inverse_K,
-                             const Eigen::Vector2f& point) {
-    return Eigen::Vector3d(inverse_K * point.cast<double>().homogeneous())
-        .normalized();
-  };
   MatchedRays result;
   result.max_error_rad = max_error_rad;
   result.rays.Reserve(matches.size());
@@ -143,8 +145,8 @@ MatchedRays GatherRays(const VerificationView& view1,
   for (size_t i = 0; i < matches.size(); ++i) {
     const auto [idx1, idx2] = matches[i];
     if (!is_calibrated) {
-      result.rays.Add(linear_ray(inverse_K1, (*view1.keypoints_px)[idx1]),
-                      linear_ray(inverse_K2, (*view2.keypoints_px)[idx2]));
+      result.rays.Add(LinearRay(inverse_K1, (*view1.keypoints_px)[idx1]),
+                      LinearRay(inverse_K2, (*view2.keypoints_px)[idx2]));
     } else if ((*view1.rays)[idx1] && (*view2.rays)[idx2]) {
       result.rays.Add(*(*view1.rays)[idx1], *(*view2.rays)[idx2]);
     } else {

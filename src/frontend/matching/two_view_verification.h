@@ -21,6 +21,13 @@ struct VerificationView {
   const std::vector<std::optional<Eigen::Vector3d>>* rays = nullptr;
 };
 
+// Calibration matrix of a perspective camera without its distortion; identity
+// for other models.
+Eigen::Matrix3d LinearPart(const Camera& camera);
+// The unit ray of a keypoint by the inverse of this matrix.
+Eigen::Vector3d LinearRay(const Eigen::Matrix3d& inverse_K,
+                          const Eigen::Vector2f& keypoint_px);
+
 // The mean angle of a pixel over both cameras, at their principal points.
 double RadiansPerPixel(const Camera& camera1, const Camera& camera2);
 

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <set>
 #include <vector>
 
 #include "estimation/input_check/sound_drive.h"
@@ -48,7 +49,44 @@ TEST(RestingRigsTest, ARigThatStandsIsNamed) {
   EXPECT_THAT(CausesOf(Find(drive)), ElementsAre(Cause::kRestingRig));
 }
 
-// At a traffic light, say.
+// Each image is compared with the first one of its camera.
+TEST(RestingRigsTest, TheBoundIsTwiceThatOfOutliers) {
+  Simulation drive = SoundDrive();
+  Rest(0, &drive);
+  const auto shift = [&](float distance_px) {
+    for (Image& image : drive.scene.images) {
+      if (image.frame_idx % 2 == 0) continue;
+      for (Eigen::Vector2f& keypoint : image.keypoints_px) {
+        keypoint.x() += distance_px;
+      }
+    }
+  };
+  shift(1.9F * static_cast<float>(kMaxErrorPx));
+  EXPECT_THAT(CausesOf(Find(drive)), ElementsAre(Cause::kRestingRig));
+  shift(0.2F * static_cast<float>(kMaxErrorPx));
+  EXPECT_THAT(Find(drive), IsEmpty());
+}
+
+// Dirt on a lens, in a model whose other points are seen by each camera once.
+TEST(RestingRigsTest, AFewPointsDoNotDecide) {
+  Simulation drive = SoundDrive();
+  Rest(0, &drive);
+  auto& points = drive.ground_truth.points;
+  for (size_t i = 3; i < points.size(); ++i) {
+    std::vector<Observation> once;
+    std::set<int> sensors;
+    for (const Observation& observation : points[i].track) {
+      if (sensors.insert(drive.scene.images[observation.image_idx].sensor_idx)
+              .second) {
+        once.push_back(observation);
+      }
+    }
+    points[i].track = once;
+  }
+  EXPECT_THAT(Find(drive), IsEmpty());
+}
+
+// As at a traffic light.
 TEST(RestingRigsTest, ARigThatDrivesBeforeItStandsIsNoFinding) {
   Simulation drive = SoundDrive();
   Rest(20, &drive);

@@ -222,11 +222,11 @@ TEST(DescriptorMatching, InstructionSetsFindTheSameTwoNearest) {
 // Two ranges per row of tiles, one of them empty for some rows.
 TEST(DescriptorMatching, ComparesSelectedTilesOnly) {
   Random random(12);
-  const TestDescriptors a = RandomDescriptors(130, &random);
+  const TestDescriptors a = RandomDescriptors(300, &random);
   const TestDescriptors b = PartlyMatching(a, 4200, 10.0, &random);
   TileSelection tiles(a.size(), b.size());
-  const auto begin1 = [](size_t row) { return 200 * row; };
-  const auto end1 = [](size_t row) { return 200 * row + 16 * (row % 3); };
+  const auto begin1 = [](size_t row) { return 90 * row; };
+  const auto end1 = [](size_t row) { return 90 * row + 16 * (row % 3); };
   const auto begin2 = [](size_t row) { return 4000 - 32 * row; };
   for (size_t row = 0; row * kTileRows < a.size(); ++row) {
     tiles.Select(row, begin1(row), end1(row));
