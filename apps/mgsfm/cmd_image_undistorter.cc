@@ -60,8 +60,8 @@ struct ImageUndistorterOptions {
       "output_type", UndistortionLayout::kColmap,
       "Choose the layout of the output. COLMAP: folders images and sparse. "
       "mvs: also COLMAP's folder stereo. gaussian_splatting: images without "
-      "subfolders, sparse/0, centered principal points. nerfstudio: "
-      "transforms.json."};
+      "subfolders, sparse/0, centered principal points. nerfstudio: images "
+      "without subfolders, transforms.json."};
   Option<std::string> mask_path{"mask_path", "",
                                 "Undistort the masks in this folder, too, such "
                                 "as cam0/a.jpg.png for cam0/a.jpg."};

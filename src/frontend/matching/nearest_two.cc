@@ -338,7 +338,8 @@ int32_t Decide(const TwoNearest& rough, int32_t best_dot, const Bounds& bounds,
 std::optional<Accepted> DecideRoughly(DescriptorView descriptors1,
                                       DescriptorView descriptors2,
                                       InstructionSet set,
-                                      const AcceptanceTest& accepts) {
+                                      const AcceptanceTest& accepts,
+                                      const TileSelection* tiles) {
   const RoughTileFunctions functions = KernelsOf(set).rough;
   if (functions.multiply == nullptr) return std::nullopt;
   std::vector<double> norms(descriptors1.size);
@@ -364,7 +365,7 @@ std::optional<Accepted> DecideRoughly(DescriptorView descriptors1,
       functions, PackRows<uint8_t>(descriptors1), descriptors1.size,
       PackColumns<int8_t>(descriptors2, RoundedValue,
                           [&](size_t j) { return roundings[j].Factor(); }),
-      descriptors2.size);
+      descriptors2.size, tiles);
   Accepted decisions;
   const auto exact_dot = [&](int32_t i, int32_t j) {
     if (i == TwoNearest::kNone || j == TwoNearest::kNone) {
@@ -418,26 +419,56 @@ void SettleUnsure(DescriptorView descriptors, DescriptorView others,
   }
 }
 
+// The same for descriptors that are compared only if is_compared(i, j).
+template <class Compared>
+void SettleUnsureAmong(DescriptorView descriptors, DescriptorView others,
+                       const Compared& is_compared,
+                       const AcceptanceTest& accepts,
+                       std::vector<int32_t>* decisions) {
+  for (size_t i = 0; i < decisions->size(); ++i) {
+    if ((*decisions)[i] != kUnsure) continue;
+    TwoNearest nearest;
+    for (size_t j = 0; j < others.size; ++j) {
+      if (!is_compared(i, j)) continue;
+      Enter(ExactDot(descriptors.Row(i), others.Row(j)),
+            static_cast<int32_t>(j), &nearest);
+    }
+    (*decisions)[i] = DecideExactly({nearest}, accepts).front();
+  }
+}
+
 }  // namespace
 
 Accepted FindAccepted(DescriptorView descriptors1, DescriptorView descriptors2,
                       InstructionSet set, const AcceptanceTest& accepts,
                       const TileSelection* tiles) {
-  std::optional<Accepted> decisions;
-  if (tiles == nullptr) {
-    decisions = DecideRoughly(descriptors1, descriptors2, set, accepts);
-  }
+  auto decisions =
+      DecideRoughly(descriptors1, descriptors2, set, accepts, tiles);
   if (!decisions) {
     const auto [of_1, of_2] =
         FindTwoNearest(descriptors1, descriptors2, set, tiles);
     return {DecideExactly(of_1, accepts), DecideExactly(of_2, accepts)};
   }
-  SettleUnsure(descriptors1, descriptors2, set, accepts, &decisions->of_1);
+  const auto are_compared = [&](size_t i, size_t j) {
+    return tiles->IsSelected(i / kTileRows, j / kTileColumns);
+  };
+  if (tiles == nullptr) {
+    SettleUnsure(descriptors1, descriptors2, set, accepts, &decisions->of_1);
+  } else {
+    SettleUnsureAmong(descriptors1, descriptors2, are_compared, accepts,
+                      &decisions->of_1);
+  }
   std::vector<int32_t> of_2(descriptors2.size, TwoNearest::kNone);
   for (const int32_t j : decisions->of_1) {
     if (j != TwoNearest::kNone) of_2[j] = decisions->of_2[j];
   }
-  SettleUnsure(descriptors2, descriptors1, set, accepts, &of_2);
+  if (tiles == nullptr) {
+    SettleUnsure(descriptors2, descriptors1, set, accepts, &of_2);
+  } else {
+    SettleUnsureAmong(
+        descriptors2, descriptors1,
+        [&](size_t j, size_t i) { return are_compared(i, j); }, accepts, &of_2);
+  }
   return {std::move(decisions->of_1), std::move(of_2)};
 }
 

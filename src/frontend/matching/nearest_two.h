@@ -84,7 +84,7 @@ struct Accepted {
 // orthogonal to c contributes to a.h:
 //   | a.b - y | = | a.h | <= |h| sqrt(|a|^2 - (y / m)^2).
 // These bounds are strict. Decisions that they leave open use exact products.
-// With `tiles`, all products of selected tiles are exact.
+// With `tiles`, only selected tiles are searched.
 Accepted FindAccepted(DescriptorView descriptors1, DescriptorView descriptors2,
                       InstructionSet set, const AcceptanceTest& accepts,
                       const TileSelection* tiles = nullptr);

@@ -269,5 +269,32 @@ TEST(DescriptorMatching, ComparesSelectedTilesOnly) {
   }
 }
 
+TEST(DescriptorMatching, InstructionSetsAgreeOnSelectedTiles) {
+  Random random(13);
+  const TestDescriptors ancestors = RandomDescriptors(40, &random);
+  TestDescriptors a, b;
+  for (int i = 0; i < 400; ++i) {
+    const double noise = random.Uniform(4.0, 24.0);
+    a.AddNoisyCopy(ancestors.View().Row(i % ancestors.size()), noise, &random);
+    b.AddNoisyCopy(a.View().Row(a.size() - 1), 0.2 * noise, &random);
+  }
+  TileSelection tiles(a.size(), b.size());
+  for (size_t row = 0; row < a.size() / kTileRows; ++row) {
+    tiles.Select(row, kTileRows * row,
+                 std::min(kTileRows * row + 100, b.size()));
+  }
+  for (const double max_ratio : {0.8, 0.95}) {
+    DescriptorMatchingOptions options;
+    options.max_ratio = max_ratio;
+    const auto expected = MatchDescriptors(a.View(), b.View(), options,
+                                           InstructionSet::kPortable, &tiles);
+    EXPECT_GE(expected.size(), 20u);
+    for (const InstructionSet set : InstructionSets()) {
+      EXPECT_EQ(MatchDescriptors(a.View(), b.View(), options, set, &tiles),
+                expected);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace mgsfm
