@@ -197,7 +197,7 @@ int NumFacades(const std::vector<Surface>& surfaces, int begin, int size) {
       surfaces, [&](const Surface& s) { return IsOfStretch(s, begin, size); }));
 }
 
-Surface Transformed(const Rigid3& new_from_old, const Surface& old) {
+Surface Moved(const Rigid3& new_from_old, const Surface& old) {
   const auto transform = [&](const Eigen::Vector2d& position) {
     const Eigen::Vector3d moved =
         new_from_old * Eigen::Vector3d(position.x(), position.y(), 0.0);
@@ -314,7 +314,7 @@ std::vector<Rigid3> DuplicateFacades(const Road& road, int num_duplicates,
     for (size_t j = 0; j < num_surfaces; ++j) {
       if (!IsOfStretch((*surfaces)[j], original, size)) continue;
       (*surfaces)[j].original_of = number;
-      Surface surface = Transformed(duplicates.back(), (*surfaces)[j]);
+      Surface surface = Moved(duplicates.back(), (*surfaces)[j]);
       // The road may bend, or another road may pass, where the facade of the
       // original is.
       if (road.IsNear(0.5 * (surface.a + surface.b), kFacadeClearance_m)) {
