@@ -11,6 +11,7 @@
 
 #include "bundle_adjustment/point_filters.h"
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
+#include "scene/observations.h"
 #include "support/model_comparison.h"
 
 namespace mgsfm {

@@ -8,6 +8,7 @@
 #include "bundle_adjustment/point_filters.h"
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
 #include "geometry/triangulation.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
