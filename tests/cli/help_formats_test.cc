@@ -153,7 +153,7 @@ TEST(ColmapNames, HabitsOfColmapGetAnAnswer) {
       {"mapper --project_path x", "use --config_path"},
       {"mapper --output x", "did you mean 'output_path'?"},
       {"mapper --split_rig_at x", "did you mean 'Mapper.split_rig_at'?"},
-      {"exhaustive_matcher --SiftMatching.guided_matching 1", "leave it out"},
+      {"mapper --PairFiltering.use_turning_loops 0", "leave it out"},
       {"automatic_reconstructor --camera_model x",
        "use --ImageReader.camera_model"},
       {"feature_extractor --SiftExtraction.use_gpu 0", "leave it out"},

@@ -24,7 +24,6 @@ enum class Cause {
   kSwappedCameras,          // in a part of the frames
   kRigMoved,                // the rig changed during the recording
   kRigDiffers,              // between two models
-  kRestingRig,              // a model shows no motion
   kWrongKnownRotation,      // of a sensor in its rig
   kWrongFocalLength,        // a trusted one
   kUncertainFocalLength,    // an estimated one
@@ -51,7 +50,6 @@ struct EnumTable<Cause> {
       {"swapped_cameras", Cause::kSwappedCameras},
       {"rig_moved", Cause::kRigMoved},
       {"rig_differs", Cause::kRigDiffers},
-      {"resting_rig", Cause::kRestingRig},
       {"wrong_known_rotation", Cause::kWrongKnownRotation},
       {"wrong_focal_length", Cause::kWrongFocalLength},
       {"uncertain_focal_length", Cause::kUncertainFocalLength},

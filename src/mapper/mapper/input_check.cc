@@ -14,7 +14,6 @@
 #include "input_check/focal_lengths.h"
 #include "input_check/image_sizes.h"
 #include "input_check/kept_matches.h"
-#include "input_check/resting_rigs.h"
 #include "input_check/rig_checks.h"
 #include "input_check/rig_samples.h"
 #include "mapper/run_summary.h"
@@ -314,29 +313,6 @@ std::vector<Finding> CheckMotionsTwice(
                       &kept);
 }
 
-std::vector<Finding> DescribeDifferentRigs(
-    const Scene& scene, const std::vector<MapperModel>& models) {
-  std::vector<Finding> findings;
-  for (size_t m = 0; m < models.size(); ++m) {
-    Append(DescribeRigDifferences(scene, m, models[m].reconstruction,
-                                  models[m].rig_differences),
-           &findings);
-  }
-  return findings;
-}
-
-std::vector<Finding> FindRestingRigs(const Scene& scene,
-                                     const std::vector<MapperModel>& models) {
-  std::vector<Finding> findings;
-  for (size_t m = 0; m < models.size(); ++m) {
-    if (models[m].bundle.rounds.empty()) continue;
-    Append(FindRestingRig(scene, m, models[m].reconstruction,
-                          models[m].bundle.rounds.back().max_error_px),
-           &findings);
-  }
-  return findings;
-}
-
 }  // namespace
 
 void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
@@ -371,7 +347,12 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
                               options.view_graph.max_error_px, context);
   Append(CheckKnownRotations(scene, samples, kept_between), &causes);
   causes = WithoutSymptoms(causes);
-  Append(DescribeDifferentRigs(scene, result->models), &causes);
+  for (size_t m = 0; m < result->models.size(); ++m) {
+    const MapperModel& model = result->models[m];
+    Append(DescribeRigDifferences(scene, m, model.reconstruction,
+                                  model.rig_differences),
+           &causes);
+  }
   std::vector<Finding> of_unit =
       CheckPositionUnit(scene, input.position_priors, *result,
                         options.bundle_adjustment.sensor_from_rig_prior_sigma);
@@ -385,7 +366,6 @@ void CheckInput(const VerifiedPairs& pairs, const MapperInput& input,
   }
   const bool has_causes = !causes.empty();
   Append(std::move(causes), &findings);
-  Append(FindRestingRigs(scene, result->models), &findings);
   for (const MapperModel& model : result->models) {
     if (has_causes) break;
     if (auto seams = DescribeSeams(scene, model.confidence)) {

@@ -10,6 +10,7 @@
 #include "base/ranges.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "geometry/so3.h"
+#include "input_check/rest.h"
 #include "mgsfm/base/mask.h"
 #include "scene/observations.h"
 #include "scene/value_check.h"
@@ -177,6 +178,10 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
   if (model.kept_matches.total.num_matches > 0) {
     summary.kept_share = model.kept_matches.total.Share();
   }
+  if (!model.bundle.rounds.empty()) {
+    summary.share_at_rest = ShareAtRest(
+        scene, reconstruction, model.bundle.rounds.back().max_error_px);
+  }
   summary.unit_of_length = UnitOfLength(scene, result, model);
   summary.lenses = LensesOf(scene, result, model);
   summary.accuracies = Accuracies(scene, model);
@@ -293,6 +298,14 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
               " of the images have no points and follow from their rig";
     }
     lines.push_back(line);
+    if (IsAtRest(model.share_at_rest)) {
+      lines.push_back(Formatted(
+          "motion: the rig stands still; %.0f %% of the observations lie where "
+          "the first image of the same camera shows the point. If the rig "
+          "moved, mask what moves along with it (camera_mask_path), and take "
+          "images at shorter intervals",
+          100.0 * model.share_at_rest));
+    }
     for (std::string text : {DescribeLenses(model), DescribeRig(model)}) {
       if (!text.empty()) lines.push_back(std::move(text));
     }

@@ -61,6 +61,7 @@ struct ModelSummary {
   size_t num_observations = 0;
   std::optional<double> mean_reprojection_error_px;
   std::optional<double> kept_share;  // of the verified matches, if counted
+  double share_at_rest = 0.0;        // see input_check/rest.h
   std::string unit_of_length;        // in words
   int num_calibrated_sensors = 0;    // other than reference and known ones
   std::vector<LensValue> lenses;     // of the cameras with registered images
@@ -74,7 +75,8 @@ struct ModelSummary {
     return Named("num_frames", num_frames, "num_images", num_images,
                  "num_points", num_points, "mean_reprojection_error_px",
                  mean_reprojection_error_px, "kept_share", kept_share,
-                 "unit_of_length", unit_of_length, "rig_accuracy", accuracies);
+                 "share_at_rest", share_at_rest, "unit_of_length",
+                 unit_of_length, "rig_accuracy", accuracies);
   }
 };
 
@@ -107,7 +109,7 @@ size_t NumRegisteredImages(const Scene& scene, const MapperResult& result);
 RunSummary SummarizeRun(const Scene& scene, const MapperResult& result);
 
 // One line per fact: images, missing frames, and for each model its size,
-// error, lenses, rig, and unit of length.
+// error, whether it stands still, lenses, rig, and unit of length.
 std::vector<std::string> DescribeRun(const RunSummary& summary);
 
 }  // namespace mgsfm
