@@ -234,9 +234,8 @@ void Match(const AutomaticReconstructorOptions& options,
       WarnOfFisheyes(input, options.input.matching, context);
       return;
     }
-    const std::vector<FisheyeFinding> fisheyes =
-        FindFisheyes(input.database, input.scene,
-                     options.input.matching.two_view_geometry, context);
+    const std::vector<FisheyeFinding> fisheyes = FindFisheyes(
+        input.database, input.scene, options.input.matching, context);
     if (fisheyes.empty()) return;
     AdoptFisheyes(fisheyes, input.scene, &input.database);
     for (const FisheyeFinding& finding : fisheyes) {

@@ -75,8 +75,8 @@ void WarnOfFisheyes(const MatchingInput& input,
                     const PairMatchingOptions& options,
                     const Context& context) {
   GroupedWarnings warnings;
-  for (const FisheyeFinding& finding : FindFisheyes(
-           input.database, input.scene, options.two_view_geometry, context)) {
+  for (const FisheyeFinding& finding :
+       FindFisheyes(input.database, input.scene, options, context)) {
     warnings.Add(Describe(finding));
   }
   warnings.Log(context);

@@ -10,6 +10,7 @@
 #include "base/parallel.h"
 #include "base/ranges.h"
 #include "geometry/so3.h"
+#include "matching/descriptor_matching.h"
 #include "matching/scene_pairs.h"
 #include "matching/two_view_verification.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -87,14 +88,26 @@ size_t NumExplained(const SampledPair& pair, const Camera& camera,
 }
 
 SampledPair ReadPair(const FeatureDatabase& database, const Scene& scene,
-                     const ImageIdxPair& pair) {
+                     const ImageIdxPair& pair,
+                     const DescriptorMatchingOptions& options) {
   SampledPair sampled;
   const std::array<int, 2> idxs = {pair.image_idx1, pair.image_idx2};
-  const std::vector<Match> matches = ReadMatchesOfPair(database, scene, pair);
   std::array<std::vector<FeatureKeypoint>, 2> keypoints;
+  std::array<DescriptorMatrix, 2> descriptors;
+  std::array<DescriptorView, 2> views;
+  bool has_sift = options.guided_matching;
   for (size_t k = 0; k < 2; ++k) {
-    keypoints[k] = database.ReadKeypoints(scene.images[idxs[k]].id);
+    const ImageId image_id = scene.images[idxs[k]].id;
+    keypoints[k] = database.ReadKeypoints(image_id);
+    descriptors[k] = database.ReadDescriptors(image_id);
+    views[k] = {descriptors[k].data(), keypoints[k].size()};
+    has_sift &=
+        static_cast<size_t>(descriptors[k].rows()) == keypoints[k].size() &&
+        static_cast<size_t>(descriptors[k].cols()) == DescriptorView::kDim;
   }
+  const std::vector<Match> matches =
+      has_sift ? MatchDescriptors(views[0], views[1], options)
+               : ReadMatchesOfPair(database, scene, pair);
   CheckMatches(matches, keypoints[0].size(), keypoints[1].size(),
                scene.images[idxs[0]].name, scene.images[idxs[1]].name);
   const size_t step = matches.size() / kMaxNumMatches + 1;
@@ -220,18 +233,18 @@ std::string NameOfCamera(const Scene& scene, int camera_idx) {
 
 std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
                                          const Scene& scene,
-                                         const TwoViewGeometryOptions& options,
+                                         const PairMatchingOptions& options,
                                          const Context& context) {
-  TwoViewGeometryOptions strict = options;
+  TwoViewGeometryOptions strict = options.two_view_geometry;
   strict.max_num_trials =
-      std::min<int>(options.max_num_trials, kMaxNumLensTrials);
-  strict.max_error = kToleranceFactor * options.max_error;
+      std::min<int>(strict.max_num_trials, kMaxNumLensTrials);
+  strict.max_error = kToleranceFactor * strict.max_error;
   std::vector<LensEvidence> evidence;
   for (const auto& [camera_idx, pair_idxs] : SelectPairs(database, scene)) {
     if (pair_idxs.size() < kMinNumSampledPairs) continue;
     const std::vector<SampledPair> pairs =
         Transformed(pair_idxs, [&](const ImageIdxPair& pair) {
-          return ReadPair(database, scene, pair);
+          return ReadPair(database, scene, pair, options.matching);
         });
     evidence.push_back(
         {camera_idx, static_cast<int>(pairs.size()),

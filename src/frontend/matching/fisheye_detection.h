@@ -31,10 +31,13 @@ struct FisheyeFinding {
 // size of a detected fisheye, probably of the same make, a significant
 // difference suffices. Cameras with the same result are listed together.
 //
-// Cost: six verifications of up to 20 image pairs per camera.
+// Pairs with SIFT descriptors are matched again in whole, because guided
+// matches lie near the epipolar lines of a pinhole.
+//
+// Cost: a matching and six verifications of up to 20 image pairs per camera.
 [[nodiscard]] std::vector<FisheyeFinding> FindFisheyes(
     const FeatureDatabase& database, const Scene& scene,
-    const TwoViewGeometryOptions& options, const Context& context);
+    const PairMatchingOptions& options, const Context& context);
 
 // One line for users: the finding and its evidence, and what to do about it.
 std::string DescribeEvidence(const FisheyeFinding& finding);
