@@ -21,23 +21,25 @@ struct MatchingView {
   const std::vector<uint32_t>* landmarks = nullptr;  // ascending
 };
 
-// The keypoints that show the motion of a pair: in each cell of the image, the
-// tenth of the largest scale, which other images are most likely to show, too.
-// Cells keep an object that fills the image with large keypoints from outvoting
-// the scene. Ascending.
+// The keypoints that are to show the motion of a pair: in each cell of the
+// image, the tenth of the keypoints with the largest scale, which other images
+// are most likely to show, too. Cells keep an object with large keypoints in a
+// part of the image from outvoting the scene. The indices are ascending.
 std::vector<uint32_t> SelectLandmarks(
     const Camera& camera, const std::vector<FeatureKeypoint>& keypoints);
 
 // Matches two images as MatchDescriptors does, but with fewer products.
 //
-// Landmarks are matched and verified first. If most of their matches agree with
-// one motion, other descriptors are compared only if their keypoints may lie in
-// one epipolar plane: |n2 - n1| <= w1 + w2 with n the azimuth of a plane about
-// the baseline, and sin(w) = max_error / sin(angle to the epipole). The
-// keypoints of both images are sorted by azimuth, so that nearly all tiles of
-// products are outside of the band. Landmarks are compared with all
-// descriptors: without these rivals, the ratio test would accept more ambiguous
-// matches. Without such a motion, all descriptors are compared.
+// Landmarks are matched and verified first. If they determine epipolar planes
+// (CALIBRATED or UNCALIBRATED pairs), and 80 % of their matches agree, other
+// descriptors are compared only if their keypoints may lie in one plane:
+// |n2 - n1| <= w1 + w2 with n the azimuth of a plane about the baseline, and
+// sin(w) = max_error / sin(angle to the epipole); w1 of uncalibrated pairs is
+// stretched as their azimuths are. The keypoints of both images are sorted by
+// half-width and azimuth, so that most tiles of products are outside of the
+// band. Landmarks are compared with all descriptors: without these rivals, the
+// ratio test would accept more ambiguous matches. Otherwise all descriptors are
+// compared with all.
 //
 // The matches are neither verified nor all in the band.
 [[nodiscard]] std::vector<Match> MatchGuided(
