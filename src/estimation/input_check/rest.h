@@ -21,7 +21,7 @@ namespace mgsfm {
 // Whether the rig of a model stands still. Either it did not move, or the
 // images show only objects that move along with it; they do not tell which.
 inline bool IsAtRest(double share_at_rest) {
-  // Models of standing rigs have at least 0.98, others at most 0.08
+  // Models of standing rigs have at least 0.97, others at most 0.08
   // (docs/results/input_check.md). A rig that stands for most of a recording
   // and then moves does not stand still.
   constexpr double kMinShareAtRest = 0.9;

@@ -26,7 +26,8 @@ constexpr int kNumCellsPerSide = 6;
 constexpr size_t kKeypointsPerLandmark = 10;
 // Matches that the motion does not explain may show another lens
 // (fisheye_detection.h) or a rival motion. If there are many, all descriptors
-// are compared.
+// are compared. A share of 0.5 guides one pair in a hundred more
+// (docs/results/front_end.md).
 constexpr double kMinExplainedShare = 0.8;
 
 // The epipolar planes of two views. The rays of an uncalibrated pair ignore
@@ -78,7 +79,7 @@ EpipolarPencil MakePencil(const VerificationView& view1,
   return pencil;
 }
 
-// Where the epipolar plane of a keypoint may be.
+// The interval of azimuths that contains the epipolar plane of a keypoint.
 struct KeypointPlane {
   // Half-widths of one class differ by at most a factor of sqrt(2).
   int width_class = 0;
