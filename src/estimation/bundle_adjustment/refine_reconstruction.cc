@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <iterator>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "base/format.h"
 #include "base/ranges.h"
 #include "bundle_adjustment/gauge.h"
+#include "bundle_adjustment/long_tracks.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
@@ -23,6 +26,9 @@ constexpr double kRoughToleranceFactor = 100.0;
 // bound of the first of three rounds, which the errors of initial poses can
 // exceed.
 constexpr double kGrossErrorFactor = 4.0;
+// The tracks across a cut between images in the first solves
+// (docs/results/constants.md).
+constexpr size_t kNumTracksPerCut = 10;
 
 struct RefinementInput {
   const Scene& scene;
@@ -121,11 +127,19 @@ void RemoveGrossErrors(const RefinementInput& input, BundleResult* result) {
   FinishRound(round, input.context, result);
 }
 
+void Append(std::vector<Point3D> added, std::vector<Point3D>* points) {
+  points->insert(points->end(), std::make_move_iterator(added.begin()),
+                 std::make_move_iterator(added.end()));
+}
+
+// The errors of points that were not adjusted do not tell the noise.
 void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
+                         std::vector<Point3D> not_adjusted,
                          BundleResult* result) {
   input.context.CheckInterrupted();
   const BundleRound round =
       StartRound(input, result->estimate, num_rounds_left);
+  Append(std::move(not_adjusted), &result->estimate.points);
   Retriangulate(input.scene,
                 *input.candidates.groups(result->estimate, round.max_error_px),
                 FilterOf(input, round, num_rounds_left, result->estimate),
@@ -199,9 +213,10 @@ void DropFramesWithoutSupport(const RefinementInput& input,
   });
 }
 
-// Solves; all steps but the first and the last then triangulate again. Returns
-// false if the solve fails.
-bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
+// Solves; all steps but the first and the last then triangulate again, with
+// the points that were taken before. Returns false if the solve fails.
+bool RunStep(const RefinementInput& input, int step,
+             std::vector<Point3D>* short_tracks, BundleResult* result) {
   const BundleAdjustmentOptions& options = input.options;
   const double rough_tolerance =
       std::min(1.0, kRoughToleranceFactor * options.function_tolerance);
@@ -212,16 +227,25 @@ bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
     return Solve(input, RefinedParts::kAll, options.function_tolerance, result);
   }
   if (!Solve(input, RefinedParts::kAll, rough_tolerance, result)) return false;
-  RetriangulatePoints(input, options.num_rounds - step, result);
+  RetriangulatePoints(input, options.num_rounds - step,
+                      std::exchange(*short_tracks, {}), result);
   return true;
 }
 
 // Returns false if a solve fails.
 bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
   RemoveGrossErrors(input, result);
+  std::vector<Point3D> short_tracks;
+  if (input.options.num_rounds > 0) {
+    short_tracks = TakeShortTracks(input.scene, kNumTracksPerCut,
+                                   &result->estimate.points);
+  }
   const int num_steps = input.options.num_rounds + 2;
   for (int step = 0; step < num_steps; ++step) {
-    if (!RunStep(input, step, result)) return false;
+    if (!RunStep(input, step, &short_tracks, result)) {
+      Append(std::move(short_tracks), &result->estimate.points);
+      return false;
+    }
   }
   return true;
 }

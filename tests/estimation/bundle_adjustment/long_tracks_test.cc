@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "bundle_adjustment/long_tracks.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "base/random.h"
+#include "base/ranges.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kNumImages = 8;
+
+// Two images per frame.
+Scene SmallScene() {
+  Scene scene;
+  for (int i = 0; i < kNumImages; ++i) {
+    scene.images.push_back({ImageId(i + 1), "", 0, 0, i / 2, {}});
+  }
+  return scene;
+}
+
+Point3D PointSeenBy(const std::vector<int>& image_idxs, int keypoint_idx) {
+  Point3D point;
+  for (const int i : image_idxs) point.track.push_back({i, keypoint_idx});
+  return point;
+}
+
+// Tracks of random images, most of them short.
+std::vector<Point3D> RandomPoints(int num_points, Random* random) {
+  std::vector<Point3D> points;
+  for (int p = 0; p < num_points; ++p) {
+    const double share = random->Uniform(0.15, 0.6);
+    std::vector<int> image_idxs;
+    for (int i = 0; i < kNumImages; ++i) {
+      if (random->Uniform() < share) image_idxs.push_back(i);
+    }
+    if (image_idxs.size() < 2)
+      image_idxs = {p % kNumImages, (p + 3) % kNumImages};
+    points.push_back(PointSeenBy(image_idxs, p));
+  }
+  return points;
+}
+
+std::vector<Point3D> LongTracks(std::vector<Point3D> points,
+                                size_t num_per_cut) {
+  const size_t num_all = points.size();
+  const auto taken = TakeShortTracks(SmallScene(), num_per_cut, &points);
+  EXPECT_EQ(points.size() + taken.size(), num_all);
+  return points;
+}
+
+size_t NumAcross(const std::vector<Point3D>& points, unsigned images_of_side) {
+  return static_cast<size_t>(CountIf(points, [&](const Point3D& point) {
+    const auto is_on_side = [&](const Observation& o) {
+      return (images_of_side >> o.image_idx & 1U) != 0;
+    };
+    return AnyOf(point.track, is_on_side) && !AllOf(point.track, is_on_side);
+  }));
+}
+
+TEST(TakeShortTracksTest, EachCutKeepsItsTracksUpToTheLimit) {
+  Random random(1);
+  for (const size_t num_per_cut : {1, 3, 10}) {
+    for (const int num_points : {5, 30, 200}) {
+      const std::vector<Point3D> all = RandomPoints(num_points, &random);
+      const auto selected = LongTracks(all, num_per_cut);
+      for (unsigned side = 1; side < (1U << kNumImages) - 1; ++side) {
+        EXPECT_GE(NumAcross(selected, side),
+                  std::min(NumAcross(all, side), num_per_cut))
+            << num_per_cut << " tracks, side " << side;
+      }
+    }
+  }
+}
+
+// A forest of n images has at most n - 1 connections.
+TEST(TakeShortTracksTest, TheRestDoesNotGrowWithTheNumberOfTracks) {
+  Random random(2);
+  const auto selected = LongTracks(RandomPoints(2000, &random), 10);
+  EXPECT_LE(selected.size(), 10 * (kNumImages - 1));
+}
+
+TEST(TakeShortTracksTest, TracksOfMoreFramesComeFirst) {
+  // Four images of two frames, and three images of three frames.
+  const std::vector<Point3D> points = {PointSeenBy({0, 1, 2, 3}, 0),
+                                       PointSeenBy({0, 2, 4}, 1),
+                                       PointSeenBy({0, 2, 4}, 2)};
+  const auto first = LongTracks(points, 1);
+  ASSERT_EQ(first.size(), 2u);
+  EXPECT_EQ(first[0].track, points[0].track);  // alone connects images 1 and 3
+  EXPECT_EQ(first[1].track, points[1].track);
+  const auto both = LongTracks(points, 2);
+  EXPECT_EQ(both.size(), 3u);
+}
+
+}  // namespace
+}  // namespace mgsfm
