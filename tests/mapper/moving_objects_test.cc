@@ -107,5 +107,20 @@ TEST(StandingRigTest, NoiseIsNoMovingObject) {
             1);
 }
 
+// The points of a pedestrian agree with a slightly wrong path for some frames.
+TEST(MovingObjectsTest, PedestriansDoNotBendThePath) {
+  SimulationOptions options =
+      WorldSimulation(WorldPreset::kPedestrians, NoiseLevel::kMedium);
+  options.frame_rate_hz = 3.0;
+  options.random_seed = 2;
+  const Simulation simulation = Simulate(options);
+  const MapperResult result = Map(simulation, {}, 2);
+  ASSERT_EQ(result.models.size(), 1u);
+  EXPECT_LT(CompareModels(simulation.scene, result.models[0].reconstruction,
+                          simulation.ground_truth)
+                .max_position,
+            0.25);
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -268,22 +268,47 @@ bool MostDepthsAgree(const MotionProblem& problem,
   return num_agreeing > num_contradicting;
 }
 
+bool AgreesInPoseAndDepths(const MotionProblem& problem, const RigPath& path,
+                           const ExpectedPair& expected) {
+  return AgreesWithPath(problem, path,
+                        problem.view_graph.pairs[expected.pair_idx],
+                        expected) &&
+         MostDepthsAgree(problem, expected);
+}
+
 // Pairs that agree with the path by their poses, and by most of their matches
 // with depth, are not discontinuous.
 void KeepAgreeing(const MotionProblem& problem, const RigPath& path,
                   const std::vector<ExpectedPair>& expected,
                   Mask* pair_is_discontinuous) {
   for (const ExpectedPair& e : expected) {
-    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
     if ((*pair_is_discontinuous)[e.pair_idx] &&
-        AgreesWithPath(problem, path, pair, e) && MostDepthsAgree(problem, e)) {
+        AgreesInPoseAndDepths(problem, path, e)) {
       (*pair_is_discontinuous)[e.pair_idx] = false;
     }
   }
 }
 
-// Where no match measures the motion of the rig between two frames, pairs of
-// which most matches are of keypoints that move elsewhere show an object.
+// Whether a pair of neighbors agrees with the path, which may be interpolated
+// between its frames.
+bool FollowsPath(const MotionProblem& problem, const RigPath& path,
+                 size_t pair_idx) {
+  const FramePair& frames = problem.index.Of(pair_idx);
+  const int a = frames.frame_idx1, b = frames.frame_idx2;
+  if (!problem.index.AreNeighbors(frames) || !path.IsComparable(a, b)) {
+    return false;
+  }
+  const auto expected = ExpectPair(problem, pair_idx, a,
+                                   problem.index.order()->IsBefore(b, a)
+                                       ? path.MeasuredBetween(b, a).Inverse()
+                                       : path.MeasuredBetween(a, b));
+  return expected && AgreesInPoseAndDepths(problem, path, *expected);
+}
+
+// Where no match measures the motion of the rig between two frames, pairs show
+// an object if more of their matches are of keypoints that move elsewhere than
+// of keypoints that rest, unless they agree with the path themselves.
+// Keypoints without depth have no evidence that they rest.
 void RejectObjects(const MotionProblem& problem, const RigPath& path,
                    const std::vector<ExpectedPair>& expected,
                    Mask* pair_is_discontinuous) {
@@ -307,7 +332,9 @@ void RejectObjects(const MotionProblem& problem, const RigPath& path,
       num_moving += moves && !rests ? 1 : 0;
       num_static += rests && !moves ? 1 : 0;
     }
-    if (num_moving > num_static) (*pair_is_discontinuous)[i] = true;
+    if (num_moving > num_static && !FollowsPath(problem, path, i)) {
+      (*pair_is_discontinuous)[i] = true;
+    }
   }
 }
 
