@@ -112,7 +112,7 @@ int FindCulprit(const std::vector<RigMove>& moves, int num_sensors) {
 std::string DescribeDelay(const CameraDelay& camera, bool is_in_seconds) {
   const double unit = is_in_seconds ? 1e3 : 1.0;
   return Formatted(is_in_seconds ? "is %.1f +- %.1f ms %s"
-                                 : "is %.3f +- %.3f frame intervals %s",
+                                 : "is %.2g +- %.1g frame intervals %s",
                    unit * std::abs(camera.delay), unit * camera.sigma,
                    camera.delay > 0.0 ? "late" : "early");
 }
