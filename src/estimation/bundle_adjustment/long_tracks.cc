@@ -30,14 +30,17 @@ bool AreConnected(const std::vector<Observation>& track, UnionFind* forest) {
 
 }  // namespace
 
-std::vector<Point3D> TakeShortTracks(const Scene& scene, size_t num_per_cut,
+std::vector<Point3D> TakeShortTracks(const Scene& scene,
+                                     const LongTrackOptions& options,
                                      std::vector<Point3D>* points) {
   const std::vector<size_t> num_frames = Transformed(
       *points, [&](const Point3D& point) { return NumFrames(scene, point); });
   std::vector<size_t> longest_first = Indices<size_t>(points->size());
   StableSortDescendingBy(&longest_first,
                          [&](size_t p) { return num_frames[p]; });
-  std::vector<UnionFind> forests(num_per_cut, UnionFind(scene.images.size()));
+  std::vector<UnionFind> forests(options.num_per_cut,
+                                 UnionFind(scene.images.size()));
+  std::vector<size_t> num_of_image(scene.images.size(), 0);
   Mask remains(points->size(), false);
   for (const size_t p : longest_first) {
     const std::vector<Observation>& track = (*points)[p].track;
@@ -45,9 +48,14 @@ std::vector<Point3D> TakeShortTracks(const Scene& scene, size_t num_per_cut,
     const auto forest = std::partition_point(
         forests.begin(), forests.end(),
         [&](UnionFind& earlier) { return AreConnected(track, &earlier); });
-    if (forest == forests.end()) continue;
-    remains[p] = true;
+    remains[p] =
+        forest != forests.end() || AnyOf(track, [&](const Observation& o) {
+          return num_of_image[o.image_idx] < options.num_per_image;
+        });
+    if (!remains[p]) continue;
     for (const Observation& o : track) {
+      ++num_of_image[o.image_idx];
+      if (forest == forests.end()) continue;
       forest->Union(track.front().image_idx, o.image_idx);
     }
   }

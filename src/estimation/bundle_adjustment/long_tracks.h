@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "mgsfm/scene/estimates.h"
@@ -8,20 +9,32 @@
 
 namespace mgsfm {
 
-// Moves points out of `points` and returns them. The points that the most
-// frames observe remain.
+struct LongTrackOptions {
+  size_t num_per_cut;  // of images
+  size_t num_per_image;
+};
+
+// Moves the points that few frames observe out of `points` and returns them.
+// Both lists keep their order. Tracks must not be empty.
 //
-// A point on a moving object agrees with a rigid scene in few frames only, but
-// bends their poses until its errors are small. The errors tell after the poses
-// are adjusted to points that many frames observe.
+// A point on a moving object usually agrees with a rigid scene in a few frames
+// only, but if it is adjusted, it bends their poses until its errors are small.
+// Once the poses are adjusted to points that many frames observe, its errors
+// reveal it.
 //
-// Property: each set of images keeps the tracks that connect it with the other
-// images, or num_per_cut of them. A track remains if it connects images in one
-// of num_per_cut spanning forests; the first such forest gets these connections
-// (Nagamochi and Ibaraki, 1992, for hypergraphs).
+// Points are visited by their number of frames, descending. A point remains if
+// one of its images has fewer than num_per_image points, or if it connects
+// images in one of num_per_cut spanning forests; the first such forest gets
+// these connections.
 //
-// Cost: log(num_per_cut) near-constant operations per observation.
+// Property (of numbers of tracks, not of parallax): for each set of images, all
+// tracks that connect it with the other images remain, or at least num_per_cut
+// of them (the argument of Nagamochi and Ibaraki, 1992, for graphs).
+//
+// Cost: that of sorting the points, num_per_cut operations per image, and
+// log(num_per_cut) near-constant operations per observation.
 [[nodiscard]] std::vector<Point3D> TakeShortTracks(
-    const Scene& scene, size_t num_per_cut, std::vector<Point3D>* points);
+    const Scene& scene, const LongTrackOptions& options,
+    std::vector<Point3D>* points);
 
 }  // namespace mgsfm

@@ -26,9 +26,9 @@ constexpr double kRoughToleranceFactor = 100.0;
 // bound of the first of three rounds, which the errors of initial poses can
 // exceed.
 constexpr double kGrossErrorFactor = 4.0;
-// The tracks across a cut between images in the first solves
-// (docs/results/constants.md).
-constexpr size_t kNumTracksPerCut = 10;
+// The tracks that the first solves have across each cut between images, and of
+// each image, if there are as many (docs/results/constants.md).
+constexpr LongTrackOptions kLongTracks = {10, 20};
 
 struct RefinementInput {
   const Scene& scene;
@@ -127,19 +127,17 @@ void RemoveGrossErrors(const RefinementInput& input, BundleResult* result) {
   FinishRound(round, input.context, result);
 }
 
-void Append(std::vector<Point3D> added, std::vector<Point3D>* points) {
-  points->insert(points->end(), std::make_move_iterator(added.begin()),
-                 std::make_move_iterator(added.end()));
-}
-
-// The errors of points that were not adjusted do not tell the noise.
+// `not_adjusted` joins after the noise is estimated: the errors of points that
+// the solve did not adjust do not measure it.
 void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
                          std::vector<Point3D> not_adjusted,
                          BundleResult* result) {
   input.context.CheckInterrupted();
-  const BundleRound round =
-      StartRound(input, result->estimate, num_rounds_left);
-  Append(std::move(not_adjusted), &result->estimate.points);
+  BundleRound round = StartRound(input, result->estimate, num_rounds_left);
+  round.num_points_before += not_adjusted.size();
+  round.num_observations_before += NumObservations(not_adjusted);
+  std::move(not_adjusted.begin(), not_adjusted.end(),
+            std::back_inserter(result->estimate.points));
   Retriangulate(input.scene,
                 *input.candidates.groups(result->estimate, round.max_error_px),
                 FilterOf(input, round, num_rounds_left, result->estimate),
@@ -213,8 +211,8 @@ void DropFramesWithoutSupport(const RefinementInput& input,
   });
 }
 
-// Solves; all steps but the first and the last then triangulate again, with
-// the points that were taken before. Returns false if the solve fails.
+// Solves; all steps but the first and the last then triangulate again, the
+// first time with the short tracks. Returns false if the solve fails.
 bool RunStep(const RefinementInput& input, int step,
              std::vector<Point3D>* short_tracks, BundleResult* result) {
   const BundleAdjustmentOptions& options = input.options;
@@ -235,15 +233,17 @@ bool RunStep(const RefinementInput& input, int step,
 // Returns false if a solve fails.
 bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
   RemoveGrossErrors(input, result);
+  std::vector<Point3D>& points = result->estimate.points;
   std::vector<Point3D> short_tracks;
-  if (input.options.num_rounds > 0) {
-    short_tracks = TakeShortTracks(input.scene, kNumTracksPerCut,
-                                   &result->estimate.points);
+  // The last triangulation needs the poses of all points.
+  if (input.options.num_rounds > 1) {
+    short_tracks = TakeShortTracks(input.scene, kLongTracks, &points);
   }
   const int num_steps = input.options.num_rounds + 2;
   for (int step = 0; step < num_steps; ++step) {
     if (!RunStep(input, step, &short_tracks, result)) {
-      Append(std::move(short_tracks), &result->estimate.points);
+      std::move(short_tracks.begin(), short_tracks.end(),
+                std::back_inserter(points));
       return false;
     }
   }

@@ -110,11 +110,19 @@ int FindCulprit(const std::vector<RigMove>& moves, int num_sensors) {
 }
 
 std::string DescribeDelay(const CameraDelay& camera, bool is_in_seconds) {
-  const double unit = is_in_seconds ? 1e3 : 1.0;
-  return Formatted(is_in_seconds ? "is %.1f +- %.1f ms %s"
-                                 : "is %.2g +- %.1g frame intervals %s",
-                   unit * std::abs(camera.delay), unit * camera.sigma,
-                   camera.delay > 0.0 ? "late" : "early");
+  const char* direction = camera.delay > 0.0 ? "late" : "early";
+  if (is_in_seconds) {
+    return Formatted("is %.1f +- %.1f ms %s", 1e3 * std::abs(camera.delay),
+                     1e3 * camera.sigma, direction);
+  }
+  // The first digit of the standard deviation is visible.
+  const int num_decimals =
+      camera.sigma > 0.0 && std::isfinite(camera.sigma)
+          ? std::max(0, static_cast<int>(std::ceil(-std::log10(camera.sigma))))
+          : 0;
+  return Formatted("is %.*f +- %.*f frame intervals %s", num_decimals,
+                   std::abs(camera.delay), num_decimals, camera.sigma,
+                   direction);
 }
 
 Finding DescribeMove(const Scene& scene, int culprit, const RigMove& move) {

@@ -305,10 +305,10 @@ bool FollowsPath(const MotionProblem& problem, const RigPath& path,
   return expected && AgreesInPoseAndDepths(problem, path, *expected);
 }
 
-// Where no match measures the motion of the rig between two frames, pairs show
-// an object if more of their matches are of keypoints that move elsewhere than
-// of keypoints that rest, unless they agree with the path themselves.
-// Keypoints without depth have no evidence that they rest.
+// Pairs of frames between which no match measures the motion show an object if
+// more of their matches are of keypoints that move elsewhere than of keypoints
+// that rest. Pairs that agree with the interpolated path are kept: keypoints
+// without depth are never found to rest.
 void RejectObjects(const MotionProblem& problem, const RigPath& path,
                    const std::vector<ExpectedPair>& expected,
                    Mask* pair_is_discontinuous) {

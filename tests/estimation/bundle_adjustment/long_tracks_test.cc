@@ -45,11 +45,22 @@ std::vector<Point3D> RandomPoints(int num_points, Random* random) {
   return points;
 }
 
-std::vector<Point3D> LongTracks(std::vector<Point3D> points,
-                                size_t num_per_cut) {
-  const size_t num_all = points.size();
-  const auto taken = TakeShortTracks(SmallScene(), num_per_cut, &points);
-  EXPECT_EQ(points.size() + taken.size(), num_all);
+std::vector<std::vector<Observation>> TracksOf(std::vector<Point3D> points,
+                                               std::vector<Point3D> others) {
+  std::vector<std::vector<Observation>> tracks;
+  for (const auto* list : {&points, &others}) {
+    for (const Point3D& point : *list) tracks.push_back(point.track);
+  }
+  std::sort(tracks.begin(), tracks.end());
+  return tracks;
+}
+
+std::vector<Point3D> LongTracks(const std::vector<Point3D>& all,
+                                size_t num_per_cut, size_t num_per_image = 0) {
+  std::vector<Point3D> points = all;
+  const auto taken =
+      TakeShortTracks(SmallScene(), {num_per_cut, num_per_image}, &points);
+  EXPECT_EQ(TracksOf(points, taken), TracksOf(all, {}));
   return points;
 }
 
@@ -84,17 +95,32 @@ TEST(TakeShortTracksTest, TheRestDoesNotGrowWithTheNumberOfTracks) {
   EXPECT_LE(selected.size(), 10 * (kNumImages - 1));
 }
 
+// The first track has the most images, but of two frames only.
 TEST(TakeShortTracksTest, TracksOfMoreFramesComeFirst) {
-  // Four images of two frames, and three images of three frames.
-  const std::vector<Point3D> points = {PointSeenBy({0, 1, 2, 3}, 0),
-                                       PointSeenBy({0, 2, 4}, 1),
-                                       PointSeenBy({0, 2, 4}, 2)};
-  const auto first = LongTracks(points, 1);
-  ASSERT_EQ(first.size(), 2u);
-  EXPECT_EQ(first[0].track, points[0].track);  // alone connects images 1 and 3
-  EXPECT_EQ(first[1].track, points[1].track);
-  const auto both = LongTracks(points, 2);
-  EXPECT_EQ(both.size(), 3u);
+  const std::vector<Point3D> points = {
+      PointSeenBy({0, 1, 2, 3}, 0), PointSeenBy({0, 2, 4}, 1),
+      PointSeenBy({1, 3, 5}, 2), PointSeenBy({0, 3, 6}, 3)};
+  const auto remaining = LongTracks(points, 1);
+  ASSERT_EQ(remaining.size(), 3u);
+  for (size_t i = 0; i < remaining.size(); ++i) {
+    EXPECT_EQ(remaining[i].track, points[i + 1].track);
+  }
+}
+
+TEST(TakeShortTracksTest, EachImageKeepsItsTracksUpToTheLimit) {
+  Random random(3);
+  const std::vector<Point3D> all = RandomPoints(200, &random);
+  const auto remaining = LongTracks(all, 1, 15);
+  EXPECT_LT(remaining.size(), all.size() / 2);
+  for (int i = 0; i < kNumImages; ++i) {
+    const auto num_of = [&](const std::vector<Point3D>& points) {
+      return CountIf(points, [&](const Point3D& point) {
+        return AnyOf(point.track,
+                     [&](const Observation& o) { return o.image_idx == i; });
+      });
+    };
+    EXPECT_GE(num_of(remaining), std::min<std::ptrdiff_t>(15, num_of(all)));
+  }
 }
 
 }  // namespace
