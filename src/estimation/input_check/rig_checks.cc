@@ -393,6 +393,10 @@ std::vector<Finding> DescribeRigDifferences(
       size += Formatted(" and %.3g +- %.2g units of length", *d.distance,
                         d.sigma_distance);
     }
+    std::string text = "the pose of camera '" + camera + "' in the rig of ";
+    text += name + " differs from that in a larger model by ";
+    text += size;
+    text += ", so that " + name + " has a rig of its own";
     findings.push_back(
         {Cause::kRigDiffers,
          {camera},
@@ -402,9 +406,7 @@ std::vector<Finding> DescribeRigDifferences(
           {"sigma_rotation_deg", d.sigma_rotation_deg},
           {"distance", d.distance.value_or(0.0)},
           {"sigma_distance", d.sigma_distance}},
-         "the pose of camera '" + camera + "' in the rig of " + name +
-             " differs from that in a larger model by " + size + ", so that " +
-             name + " has a rig of its own",
+         std::move(text),
          "check whether the rig changed, and whether the images of the model "
          "match rightly"});
   }
