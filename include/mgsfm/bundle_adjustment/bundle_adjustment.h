@@ -326,7 +326,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 
 // The complete stage:
 //   1. Remove gross outliers. Solve with constant rotations and intrinsics. If
-//      num_rounds > 1, this solve and the next one have only points that many
+//      num_rounds > 2, this solve and the next one have only points that many
 //      frames observe (bundle_adjustment/long_tracks.h): points on moving
 //      objects bend the poses of the few frames that observe them.
 //   2. num_rounds times: solve, then triangulate all groups of `candidates`

@@ -235,8 +235,9 @@ bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
   RemoveGrossErrors(input, result);
   std::vector<Point3D>& points = result->estimate.points;
   std::vector<Point3D> short_tracks;
-  // The last triangulation needs the poses of all points.
-  if (input.options.num_rounds > 1) {
+  // Lenses that few points bend take two rounds of all points to recover: on
+  // recorded key frames, focal lengths after one are 2 % off.
+  if (input.options.num_rounds > 2) {
     short_tracks = TakeShortTracks(input.scene, kLongTracks, &points);
   }
   const int num_steps = input.options.num_rounds + 2;
