@@ -38,15 +38,16 @@ std::vector<Point3D> RandomPoints(int num_points, Random* random) {
     for (int i = 0; i < kNumImages; ++i) {
       if (random->Uniform() < share) image_idxs.push_back(i);
     }
-    if (image_idxs.size() < 2)
+    if (image_idxs.size() < 2) {
       image_idxs = {p % kNumImages, (p + 3) % kNumImages};
+    }
     points.push_back(PointSeenBy(image_idxs, p));
   }
   return points;
 }
 
-std::vector<std::vector<Observation>> TracksOf(std::vector<Point3D> points,
-                                               std::vector<Point3D> others) {
+std::vector<std::vector<Observation>> TracksOf(
+    const std::vector<Point3D>& points, const std::vector<Point3D>& others) {
   std::vector<std::vector<Observation>> tracks;
   for (const auto* list : {&points, &others}) {
     for (const Point3D& point : *list) tracks.push_back(point.track);
@@ -78,9 +79,9 @@ TEST(TakeShortTracksTest, EachCutKeepsItsTracksUpToTheLimit) {
   for (const size_t num_per_cut : {1, 3, 10}) {
     for (const int num_points : {5, 30, 200}) {
       const std::vector<Point3D> all = RandomPoints(num_points, &random);
-      const auto selected = LongTracks(all, num_per_cut);
+      const auto remaining = LongTracks(all, num_per_cut);
       for (unsigned side = 1; side < (1U << kNumImages) - 1; ++side) {
-        EXPECT_GE(NumAcross(selected, side),
+        EXPECT_GE(NumAcross(remaining, side),
                   std::min(NumAcross(all, side), num_per_cut))
             << num_per_cut << " tracks, side " << side;
       }
@@ -91,8 +92,8 @@ TEST(TakeShortTracksTest, EachCutKeepsItsTracksUpToTheLimit) {
 // A forest of n images has at most n - 1 connections.
 TEST(TakeShortTracksTest, TheRestDoesNotGrowWithTheNumberOfTracks) {
   Random random(2);
-  const auto selected = LongTracks(RandomPoints(2000, &random), 10);
-  EXPECT_LE(selected.size(), 10 * (kNumImages - 1));
+  const auto remaining = LongTracks(RandomPoints(2000, &random), 10);
+  EXPECT_LE(remaining.size(), 10 * (kNumImages - 1));
 }
 
 // The first track has the most images, but of two frames only.
