@@ -165,6 +165,7 @@ bool IsUnsupportedAmongSupported(const LinkGraph& graph,
 // its component. In a sequence, those of neighbors only: the number of wrong
 // loops across a cut grows with the length of the sequence.
 int CountMatchesAgainst(const PairEvidence& evidence,
+                        const Mask& pair_is_explained,
                         const DepthFirstForest& forest,
                         const VisitedFrame& top) {
   int num_matches = 0;
@@ -178,7 +179,10 @@ int CountMatchesAgainst(const PairEvidence& evidence,
     }
     for (const size_t i : frames.pair_idxs) {
       const ImagePair& pair = evidence.view_graph.pairs[i];
-      if (evidence.pair_is_used[i] || !pair.relative_pose) continue;
+      if (evidence.pair_is_used[i] || pair_is_explained[i] ||
+          !pair.relative_pose) {
+        continue;
+      }
       num_matches += static_cast<int>(pair.matches.size());
     }
   }
@@ -186,7 +190,8 @@ int CountMatchesAgainst(const PairEvidence& evidence,
 }
 
 // The links whose removal disconnects frames.
-Mask FindBridges(const PairEvidence& evidence, const LinkGraph& graph) {
+Mask FindBridges(const PairEvidence& evidence, const Mask& pair_is_explained,
+                 const LinkGraph& graph) {
   Mask is_unsupported(evidence.pair_is_used.size(), false);
   const DepthFirstForest forest = VisitDepthFirst(graph);
   if (!HasBridges(forest)) return is_unsupported;
@@ -198,7 +203,7 @@ Mask FindBridges(const PairEvidence& evidence, const LinkGraph& graph) {
       continue;
     }
     const Link& bridge = graph.links[*top->link_to_parent];
-    if (CountMatchesAgainst(evidence, forest, *top) <
+    if (CountMatchesAgainst(evidence, pair_is_explained, forest, *top) <
         evidence.options.min_share_against_bridge * bridge.num_matches) {
       continue;
     }
@@ -283,12 +288,15 @@ bool ShowOnePlace(const PairEvidence& evidence,
          has_other_places(frame_idxs2, &std::pair<int, int>::second);
 }
 
-Mask FindUnsupportedBridges(const PairEvidence& evidence) {
+Mask FindUnsupportedBridges(const PairEvidence& evidence,
+                            const Mask& pair_is_explained) {
   MGSFM_CHECK_EQ(evidence.index.num_pairs(), evidence.view_graph.pairs.size());
   MGSFM_CHECK_EQ(evidence.pair_is_used.size(),
                  evidence.view_graph.pairs.size());
+  MGSFM_CHECK_EQ(pair_is_explained.size(), evidence.view_graph.pairs.size());
   const LinkGraph graph = BuildLinkGraph(evidence);
-  Mask is_unsupported = FindBridges(evidence, WithoutLoops(graph));
+  Mask is_unsupported =
+      FindBridges(evidence, pair_is_explained, WithoutLoops(graph));
   RejectLoopsOfOnePlace(evidence, graph, &is_unsupported);
   return is_unsupported;
 }

@@ -21,7 +21,8 @@ namespace mgsfm {
 //   some match of another link of one of its frames is, and
 //   the inconsistent pairs between the two components have, together, at least
 //   min_share_against_bridge times as many matches. In a sequence, only
-//   neighbors count: the wrong loops across a cut grow with its length.
+//   neighbors count: the wrong loops across a cut grow with its length. Pairs
+//   that show an object do not count: a vehicle contradicts every right bridge.
 //
 // The third condition spares chains in which only neighbors were matched: they
 // have no triplets, and one wrong pair would cut them all.
@@ -31,11 +32,13 @@ namespace mgsfm {
 // more than one place. Structures that look alike can have hundreds of matches
 // that agree with each other, but next to them, the parts show other things.
 //
-// Consistent pairs are those of pair_is_used. Cost: linear in the links;
+// Consistent pairs are those of pair_is_used; those of `pair_is_explained` are
+// inconsistent for a known reason. Cost: linear in the links;
 // if some are bridges, in the matches; the number of bridges without support
 // times the number of inconsistent pairs; and the square of the number of loops
 // that join two parts.
-[[nodiscard]] Mask FindUnsupportedBridges(const PairEvidence& evidence);
+[[nodiscard]] Mask FindUnsupportedBridges(const PairEvidence& evidence,
+                                          const Mask& pair_is_explained);
 
 // Whether loops, the only links between two sets of frames, show one place of
 // each, although both sets also show others. Loops show two places if two of

@@ -222,6 +222,10 @@ SupportedRotations AverageSupported(const RotationInput& input,
                                     const RotationOptions& options,
                                     const Context& context, Mask is_used) {
   SupportedRotations result{{}, Mask(is_used.size(), false)};
+  Mask is_explained(is_used.size(), false);
+  for (size_t i = 0; i < input.verdicts.size(); ++i) {
+    is_explained[i] = input.verdicts[i].has_value();
+  }
   while (true) {
     result.averaged = AverageWithGravity(
         input, is_used, skeleton.start ? &*skeleton.start : nullptr,
@@ -232,7 +236,8 @@ SupportedRotations AverageSupported(const RotationInput& input,
     }
     const Mask is_bridge = FindUnsupportedBridges(
         {input.scene, input.index, input.view_graph, estimate.pair_is_inlier,
-         options.filtering, context.num_threads});
+         options.filtering, context.num_threads},
+        is_explained);
     const Mask loops = LoopsOf(input.index, is_bridge);
     Move(loops.Any() ? loops : is_bridge, &is_used, &result.is_bridge);
     if (!loops.Any() || !is_used.Any()) return result;

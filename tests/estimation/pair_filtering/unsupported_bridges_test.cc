@@ -10,6 +10,8 @@
 namespace mgsfm {
 namespace {
 
+using Pairs = std::vector<size_t>;
+
 // Frames with one image each.
 class Graph {
  public:
@@ -59,12 +61,17 @@ class Graph {
   }
   int num_frames() const { return static_cast<int>(scene_.frames.size()); }
 
+  // A pair that shows an object.
+  void Explain(size_t pair_idx) { explained_.push_back(pair_idx); }
+
   std::vector<size_t> UnsupportedPairs(
       SequenceMode sequence = SequenceMode::kNo) const {
     const FramePairIndex index(scene_, view_graph_, sequence);
     const PairFilteringOptions options;
+    Mask is_explained(view_graph_.pairs.size(), false);
+    for (const size_t i : explained_) is_explained[i] = true;
     const Mask is_unsupported = FindUnsupportedBridges(
-        {scene_, index, view_graph_, is_consistent_, options});
+        {scene_, index, view_graph_, is_consistent_, options}, is_explained);
     std::vector<size_t> unsupported;
     for (size_t i = 0; i < is_unsupported.size(); ++i) {
       if (is_unsupported[i]) unsupported.push_back(i);
@@ -90,10 +97,9 @@ class Graph {
   Scene scene_;
   ViewGraph view_graph_;
   Mask is_consistent_;
+  Pairs explained_;
   uint32_t num_points_ = 0;
 };
-
-using Pairs = std::vector<size_t>;
 
 TEST(UnsupportedBridges, AreContradictedByComparablePairs) {
   Graph graph(8);
@@ -107,6 +113,17 @@ TEST(UnsupportedBridges, AreContradictedByComparablePairs) {
   EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});  // too few matches
   graph.AddPair(3, 4, 15, false);
   EXPECT_EQ(graph.UnsupportedPairs(), Pairs{bridge});
+}
+
+TEST(UnsupportedBridges, AreNotContradictedByObjects) {
+  Graph graph(8);
+  graph.AddPlace(0, 4);
+  graph.AddPlace(4, 8);
+  const size_t bridge = graph.AddPair(1, 6, 40);
+  const size_t object = graph.AddPair(0, 7, 60, false);
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{bridge});
+  graph.Explain(object);
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});
 }
 
 TEST(UnsupportedBridges, AreTheOnlyConnection) {
