@@ -301,7 +301,8 @@ void Combine(const MotionNoise& noise, Candidate* by_depth,
       direction.transpose();
 }
 
-// The hypotheses with a distance, and the groups of hypotheses without one.
+}  // namespace
+
 std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
                                        const MotionNoise& noise) {
   std::vector<Candidate> candidates;
@@ -321,12 +322,18 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
   return candidates;
 }
 
-// The motion with the largest share of a step that has candidates.
-const Candidate& Strongest(const std::vector<Candidate>& step) {
-  return *std::max_element(
-      step.begin(), step.end(),
-      [](const auto& a, const auto& b) { return a.share < b.share; });
+const Candidate* Strongest(const std::vector<Candidate>& candidates) {
+  const Candidate* strongest = nullptr;
+  for (const Candidate& candidate : candidates) {
+    if (candidate.num_steps == 1 &&
+        (strongest == nullptr || candidate.share > strongest->share)) {
+      strongest = &candidate;
+    }
+  }
+  return strongest;
 }
+
+namespace {
 
 // A free distance may be that of any motion of the step with a distance, unless
 // the matches contradict it: matches with parallax exclude that an image pair
@@ -368,10 +375,7 @@ bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
 bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
              const Candidate& strongest) {
   const MeasuredMotion motion = steps.MotionOf(k, strongest);
-  return candidate.own_share >= kContestingShare &&
-         !AreEqualMotions(
-             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
-             steps.noise) &&
+  return IsOtherMotion(candidate, motion, steps.noise) &&
          ExcludeEachOther(steps, k, candidate, strongest);
 }
 
@@ -392,7 +396,7 @@ bool Continues(const Steps& steps, const Velocity& rival,
     const double of_rival = change(rival, candidate);
     return of_rival <= kMaxSquaredChange &&
            (change(strongest, candidate) > of_rival + kMaxSquaredChange ||
-            IsRival(steps, neighbor, candidate, Strongest(candidates)));
+            IsRival(steps, neighbor, candidate, *Strongest(candidates)));
   });
 }
 
@@ -448,7 +452,13 @@ MeasuredMotion MeasuredMotion::Inverse() const {
 
 MeasuredMotion Steps::MotionOf(size_t k, const Candidate& candidate) const {
   return candidate.MotionAfter(
-      ForwardStep(candidate, durations[k] * noise.median_step));
+      ForwardStep(candidate, Duration(k, candidate) * noise.median_step));
+}
+
+double Steps::Duration(size_t k, const Candidate& candidate) const {
+  double duration = 0.0;
+  for (size_t i = 0; i < candidate.num_steps; ++i) duration += durations[k - i];
+  return duration;
 }
 
 Velocity VelocityOf(const MeasuredMotion& motion, double duration) {
@@ -545,7 +555,7 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
 bool HasRivals(const Steps& steps, size_t k) {
   const std::vector<Candidate>& step = steps.candidates[k];
   if (step.empty()) return false;
-  const Candidate& strongest = Strongest(step);
+  const Candidate& strongest = *Strongest(step);
   const MeasuredMotion motion = steps.MotionOf(k, strongest);
   const Velocity velocity = VelocityOf(motion, steps.durations[k]);
   return AnyOf(step, [&](const Candidate& candidate) {
@@ -558,17 +568,32 @@ bool HasRivals(const Steps& steps, size_t k) {
   });
 }
 
+bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
+                   const MotionNoise& noise, double factor) {
+  return candidate.own_share >= kContestingShare &&
+         !AreEqualMotions(
+             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
+             noise, factor);
+}
+
+void AddLongStep(const StepHypotheses& hypotheses, size_t k, size_t num_steps,
+                 Steps* steps) {
+  for (Candidate& candidate : GroupHypotheses(hypotheses, steps->noise)) {
+    candidate.num_steps = num_steps;
+    steps->candidates[k].push_back(std::move(candidate));
+  }
+}
+
 std::vector<Candidate> TryDistances(const Steps& steps, size_t k) {
-  const std::vector<double> distances =
-      DistancesToTry(steps, steps.durations[k]);
   std::vector<Candidate> tried;
   for (const Candidate& candidate : steps.candidates[k]) {
-    if (!candidate.free_direction) {
+    if (!candidate.free_direction || candidate.tried_center) {
       tried.push_back(candidate);
       continue;
     }
     const Vector3d nearest = candidate.later_from_earlier.Center();
-    for (const double distance : distances) {
+    for (const double distance :
+         DistancesToTry(steps, steps.Duration(k, candidate))) {
       tried.push_back(candidate);
       tried.back().tried_center = nearest + ForwardStep(candidate, distance);
     }

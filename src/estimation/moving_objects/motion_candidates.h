@@ -92,6 +92,17 @@ struct MotionExclusion {
 // explain as many matches, and other matches than the motions before it.
 inline constexpr double kContestingShare = 0.15;
 
+// What the matches of two frames of a sequence tell about the motion between
+// them. Several threads may call both at once.
+struct MotionEvidence {
+  std::function<StepHypotheses(int earlier_frame_idx, int later_frame_idx)>
+      find;
+  // Without it, motions that differ exclude each other.
+  std::function<MotionExclusion(int earlier_frame_idx, int later_frame_idx,
+                                const Rigid3& motion1, const Rigid3& motion2)>
+      compare = {};
+};
+
 // Per step, or per unit of time, with covariances.
 struct Velocity {
   Eigen::Vector3d linear = Eigen::Vector3d::Zero();  // of the rig's origin
@@ -123,6 +134,8 @@ double SquaredChange(const Velocity& a, const Velocity& b,
 // A hypothesis, with one of the distances to try if its distance is free, and
 // the motions from matches with depth that agree with it.
 struct Candidate : MotionHypothesis {
+  // It leads over the steps up to that of which it is a candidate.
+  size_t num_steps = 1;
   std::vector<MeasuredMotion> measured = {};
   std::optional<Eigen::Vector3d> tried_center = {};
   // The logarithm of the largest depth extent of another motion relative to its
@@ -138,6 +151,11 @@ struct Candidate : MotionHypothesis {
   }
 };
 
+// The hypotheses of a step with a distance, and the groups of those without
+// one that have parallax.
+std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
+                                       const MotionNoise& noise);
+
 // The steps of one sequence, and how long each takes.
 struct Steps {
   std::vector<std::vector<Candidate>> candidates;
@@ -151,11 +169,12 @@ struct Steps {
 
   size_t size() const { return candidates.size(); }
 
+  double Duration(size_t k, const Candidate& candidate) const;
   // The velocity of a candidate after a step with another one.
   Velocity VelocityAfter(const Eigen::Vector3d& linear, size_t k,
                          const Candidate& candidate) const {
-    return VelocityOf(candidate.MotionAfter(durations[k] * linear),
-                      durations[k]);
+    const double duration = Duration(k, candidate);
+    return VelocityOf(candidate.MotionAfter(duration * linear), duration);
   }
   // The motion of a candidate. A free one takes a step of the median length.
   MeasuredMotion MotionOf(size_t k, const Candidate& candidate) const;
@@ -174,6 +193,19 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
 
 // Whether a competing motion has support and also fits an adjacent frame pair.
 bool HasRivals(const Steps& steps, size_t k);
+
+// The motion with the largest share of those over one step. nullptr if there is
+// none.
+const Candidate* Strongest(const std::vector<Candidate>& candidates);
+
+// Whether a candidate has support and differs from a motion by more than
+// `factor` tolerances.
+bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
+                   const MotionNoise& noise, double factor = 1.0);
+
+// Adds the hypotheses of the motion over the `num_steps` steps up to step k.
+void AddLongStep(const StepHypotheses& hypotheses, size_t k, size_t num_steps,
+                 Steps* steps);
 
 // The candidates of a step, with one candidate for each distance to try if the
 // distance is free.

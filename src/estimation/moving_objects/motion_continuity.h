@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <functional>
 #include <optional>
 #include <vector>
 
@@ -70,14 +69,19 @@ struct RigPath {
     void Move(const MeasuredMotion& step);
   };
   std::vector<std::optional<Place>> of_frame;
-  // Per frame: whether hypotheses disagree about a step from or to it.
+  // Per frame: whether hypotheses disagree about a step from or to it, or with
+  // the choice.
   Mask is_contested;
   // Per frame: the step to it has no hypothesis that was chosen, or one without
   // a distance.
   Mask is_interpolated;
-  // Per frame: the steps before it in its sequence without a hypothesis that
-  // was chosen.
-  std::vector<int> num_unknown;
+  // Per frame: chosen hypotheses, or matches, measure the motion between frames
+  // of one group. Groups of all sequences differ.
+  std::vector<int> group;
+  // Per frame: the step to it is part of a chosen motion over several steps.
+  Mask is_in_long_motion;
+  int num_stretches = 0;
+  int num_groups = 0;
   MotionNoise noise;  // the largest of all sequences
 
   bool IsComparable(int frame_idx1, int frame_idx2) const {
@@ -103,54 +107,12 @@ struct RigPath {
   [[nodiscard]] MeasuredMotion MeasuredBetween(int earlier, int later) const;
 };
 
-// Chooses one motion per step, or none, by dynamic programming.
-//
-// The *margin* of a step is the rise of the total cost if another motion is
-// chosen there, which differs by more than kDistinct tolerances, and all other
-// steps are chosen anew. Costs are negative logarithms of probabilities, so
-// exp(-margin) is the ratio of the two probabilities. A candidate that differs
-// from the chosen motion only in its distance is no other motion if its matches
-// leave the distance open. If no motion is chosen, any motion is another one;
-// without another motion, the margin is infinite.
-// The velocity of a free distance that is not tried depends on the steps
-// before, for which the margin is an approximation.
-//
-// Cost: the product of the numbers of candidates of two steps, for each step
-// and each step within kMaxNumSkipped before, once for the choice and once for
-// the margins.
-
-struct ChosenMotion {
-  Velocity velocity;
-  Candidate candidate;
-
-  bool HasDistance() const { return !candidate.free_direction.has_value(); }
-};
-
-struct MotionChoice {
-  // Per step.
-  std::vector<std::optional<ChosenMotion>> motions;
-  std::vector<double> margins;
-
-  double cost = 0.0;  // of all steps
-};
-
-// Steps that are not doubtful must have a motion if they have candidates.
-[[nodiscard]] MotionChoice ChooseMotions(const Steps& steps,
-                                         const Mask& is_doubtful);
-
-using MotionComparison = std::function<MotionExclusion(
-    int earlier_frame_idx, int later_frame_idx, const Rigid3& motion1,
-    const Rigid3& motion2)>;
-
-// `hypotheses` has one item per step of each sequence of the order. Without
-// `compare`, motions that differ exclude each other. Steps without a choice
-// have the mean velocity of their neighbors. A new segment begins after more
-// than seven such steps, or fewer that take as long, after ambiguous steps, and
-// after such a step far from competing hypotheses: nothing suggests that its
-// true motion was outvoted.
-[[nodiscard]] RigPath FindRigPath(
-    const TemporalOrder& order, int num_frames,
-    const std::vector<std::vector<StepHypotheses>>& hypotheses,
-    const MotionComparison& compare = {});
+// Steps without a choice have the mean velocity of their neighbors. A new
+// segment begins after more than seven such steps, or fewer that take as long,
+// after ambiguous steps, and after such a step far from competing hypotheses:
+// nothing suggests that its true motion was outvoted.
+[[nodiscard]] RigPath FindRigPath(const TemporalOrder& order, int num_frames,
+                                  const MotionEvidence& evidence,
+                                  int num_threads);
 
 }  // namespace mgsfm

@@ -2,8 +2,12 @@
 #include "moving_objects/motion_hypotheses.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
 #include <limits>
 
 #include "base/parallel.h"
@@ -50,20 +54,6 @@ struct AgreementCounts {
            static_cast<std::ptrdiff_t>(num_only1);
   }
 };
-
-// The hypotheses of all steps by a function of two frames.
-template <typename Function>
-SequenceHypotheses ForEachStep(const MotionProblem& problem, int num_threads,
-                               const Function& find) {
-  SequenceHypotheses hypotheses;
-  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    hypotheses.emplace_back(std::max<size_t>(sequence.size(), 1) - 1);
-    ParallelFor(hypotheses.back().size(), num_threads, [&](size_t k) {
-      hypotheses.back()[k] = find(sequence[k], sequence[k + 1]);
-    });
-  }
-  return hypotheses;
-}
 
 // The motion of the rig by the relative pose of two images of one sensor, from
 // the earlier to the later frame. Without a length, its distance is free. Lever
@@ -119,23 +109,27 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
   return hypothesis;
 }
 
-// The motions of one step by its pairs of equal sensors. Without `lengths`,
-// their distances are free; with them, pairs of unknown length are left out.
+using LengthOfPair =
+    std::function<std::optional<BaselineLength>(size_t pair_idx)>;
+
+// The motions between two frames by their pairs of equal sensors. Without
+// `length_of`, their distances are free; with it, pairs of unknown length are
+// left out.
 StepHypotheses MotionsOfPairs(const MotionProblem& problem,
-                              const BaselineLengths* lengths,
-                              const FramePair& frames) {
+                              const FramePair& frames,
+                              const LengthOfPair& length_of = {}) {
   StepHypotheses step;
   double num_matches = 0.0;
   for (const size_t i : frames.pair_idxs) {
     const ImagePair& pair = problem.view_graph.pairs[i];
     const int sensor_idx = problem.scene.images[pair.image_idx1].sensor_idx;
     if (!pair.relative_pose || !problem.depths.cam_from_rig[sensor_idx] ||
-        (lengths && !(*lengths)[i]) ||
         sensor_idx != problem.scene.images[pair.image_idx2].sensor_idx) {
       continue;
     }
-    step.push_back(
-        RigMotionOf(problem, pair, lengths ? (*lengths)[i] : std::nullopt));
+    const auto length = length_of ? length_of(i) : std::nullopt;
+    if (length_of && !length) continue;
+    step.push_back(RigMotionOf(problem, pair, length));
     step.back().share = static_cast<double>(pair.matches.size());
     num_matches += step.back().share;
   }
@@ -146,25 +140,13 @@ StepHypotheses MotionsOfPairs(const MotionProblem& problem,
   return step;
 }
 
-// Per pair: the length of its baseline by the depths of its keypoints, for
-// images of one sensor in consecutive frames.
-BaselineLengths MeasureLengths(const MotionProblem& problem,
-                               const Context& context) {
-  const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
-  BaselineLengths lengths(pairs.size());
-  ParallelFor(pairs.size(), context.num_threads, [&](size_t i) {
-    const ImagePair& pair = pairs[i];
-    if (problem.index.Of(i).time_gap != 1 || !pair.relative_pose ||
-        !pair.relative_pose->translation_direction ||
-        problem.scene.images[pair.image_idx1].sensor_idx !=
-            problem.scene.images[pair.image_idx2].sensor_idx) {
-      return;
-    }
-    lengths[i] = MeasureBaselineLength(problem.scene, problem.bearings, pair,
-                                       kKeypointNoise * problem.max_error_px,
-                                       problem.depths);
-  });
-  return lengths;
+// The length of the baseline of a pair by the depths of its keypoints.
+std::optional<BaselineLength> MeasureLength(const MotionProblem& problem,
+                                            const ImagePair& pair) {
+  if (!pair.relative_pose->translation_direction) return std::nullopt;
+  return MeasureBaselineLength(problem.scene, problem.bearings, pair,
+                               kKeypointNoise * problem.max_error_px,
+                               problem.depths);
 }
 
 // Correspondences with depth are few and lie in the overlap of two cameras,
@@ -179,22 +161,21 @@ void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
   const MotionHypothesis& strongest = *std::max_element(
       of_pairs.begin(), of_pairs.end(),
       [](const auto& a, const auto& b) { return a.share < b.share; });
-  const auto compare = [&](const MotionHypothesis& h) {
+  const auto compare = [&](const MotionHypothesis& a,
+                           const MotionHypothesis& b) {
     return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
-                       h.later_from_earlier, strongest.later_from_earlier);
+                       a.later_from_earlier, b.later_from_earlier);
   };
-  const std::vector<MotionExclusion> exclusions =
-      Transformed(*by_depth, compare);
-  const auto is_excluded = [](const MotionExclusion& exclusion) {
-    return exclusion.share >= kContestingShare;
-  };
-  if (AnyOf(exclusions, is_excluded) ||
-      AnyOf(of_pairs, [&](const auto& h) { return is_excluded(compare(h)); })) {
-    return;
+  StepHypotheses all = *by_depth;
+  all.insert(all.end(), of_pairs.begin(), of_pairs.end());
+  for (size_t i = 0; i < all.size(); ++i) {
+    for (size_t k = 0; k < i; ++k) {
+      if (compare(all[i], all[k]).share >= kContestingShare) return;
+    }
   }
-  for (size_t i = 0; i < by_depth->size(); ++i) {
-    MotionHypothesis& motion = (*by_depth)[i];
-    if (exclusions[i].balance >= 0 && !AreEqualMotions(motion, strongest, {})) {
+  for (MotionHypothesis& motion : *by_depth) {
+    if (compare(motion, strongest).balance >= 0 &&
+        !AreEqualMotions(motion, strongest, {})) {
       static_cast<MeasuredMotion&>(motion) = strongest;
     }
   }
@@ -275,35 +256,41 @@ Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
   return RelativePoseCovariance(rays, options, pose);
 }
 
-SequenceHypotheses FindHypothesesByPairs(const MotionProblem& problem,
-                                         const BaselineLengths& lengths,
-                                         const Context& context) {
-  return ForEachStep(problem, context.num_threads, [&](int earlier, int later) {
-    const FramePair* frames = problem.index.Find(earlier, later);
-    return frames == nullptr ? StepHypotheses()
-                             : MotionsOfPairs(problem, &lengths, *frames);
-  });
+StepHypotheses FindHypothesesByPairs(const MotionProblem& problem,
+                                     const BaselineLengths& lengths,
+                                     int earlier_frame_idx,
+                                     int later_frame_idx) {
+  const FramePair* frames =
+      problem.index.Find(earlier_frame_idx, later_frame_idx);
+  return frames == nullptr ? StepHypotheses()
+                           : MotionsOfPairs(problem, *frames, [&](size_t i) {
+                               return lengths[i];
+                             });
 }
 
-SequenceHypotheses FindHypothesesByDepths(const MotionProblem& problem,
-                                          const Context& context) {
-  const BaselineLengths lengths = MeasureLengths(problem, context);
-  return ForEachStep(problem, context.num_threads, [&](int earlier, int later) {
-    StepHypotheses step;
-    if (const FramePair* frames = problem.matches_index.Find(earlier, later)) {
-      step = FindRigMotions(
-          problem.MatchesOf(earlier, *frames),
-          kDepthErrorFactor * problem.max_error_px,
-          Random(context.random_seed, static_cast<uint64_t>(earlier)));
-    }
-    const FramePair* frames = problem.index.Find(earlier, later);
-    if (frames == nullptr) return step;
-    ReplaceByPairs(problem, earlier, later,
-                   MotionsOfPairs(problem, &lengths, *frames), &step);
-    const StepHypotheses free = MotionsOfPairs(problem, nullptr, *frames);
-    step.insert(step.end(), free.begin(), free.end());
-    return step;
-  });
+StepHypotheses FindHypothesesByDepths(const MotionProblem& problem,
+                                      uint64_t random_seed,
+                                      int earlier_frame_idx,
+                                      int later_frame_idx) {
+  StepHypotheses step;
+  if (const FramePair* frames =
+          problem.matches_index.Find(earlier_frame_idx, later_frame_idx)) {
+    step = FindRigMotions(
+        problem.MatchesOf(earlier_frame_idx, *frames),
+        kDepthErrorFactor * problem.max_error_px,
+        Random(random_seed, static_cast<uint64_t>(earlier_frame_idx)));
+  }
+  const FramePair* frames =
+      problem.index.Find(earlier_frame_idx, later_frame_idx);
+  if (frames == nullptr) return step;
+  const StepHypotheses of_pairs =
+      MotionsOfPairs(problem, *frames, [&](size_t i) {
+        return MeasureLength(problem, problem.view_graph.pairs[i]);
+      });
+  ReplaceByPairs(problem, earlier_frame_idx, later_frame_idx, of_pairs, &step);
+  const StepHypotheses free = MotionsOfPairs(problem, *frames);
+  step.insert(step.end(), free.begin(), free.end());
+  return step;
 }
 
 }  // namespace mgsfm

@@ -70,20 +70,19 @@ inline constexpr double kKeypointNoise = 0.5;
 // Errors of depths add to those of keypoints.
 inline constexpr double kDepthErrorFactor = 2.0;
 
-// The hypotheses of each step of each sequence.
-using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
-
-// Motions that correspondences with depth support, and those of pairs of equal
-// sensors whose places in the rig are known, without distances.
-[[nodiscard]] SequenceHypotheses FindHypothesesByDepths(
-    const MotionProblem& problem, const Context& context);
+// Motions between two frames that correspondences with depth support, and those
+// of pairs of equal sensors whose places in the rig are known, without
+// distances.
+[[nodiscard]] StepHypotheses FindHypothesesByDepths(
+    const MotionProblem& problem, uint64_t random_seed, int earlier_frame_idx,
+    int later_frame_idx);
 
 // Per pair; nullopt if it is unknown.
 using BaselineLengths = std::vector<std::optional<BaselineLength>>;
 
 // Motions of pairs of equal sensors with these lengths of their baselines.
-[[nodiscard]] SequenceHypotheses FindHypothesesByPairs(
+[[nodiscard]] StepHypotheses FindHypothesesByPairs(
     const MotionProblem& problem, const BaselineLengths& lengths,
-    const Context& context);
+    int earlier_frame_idx, int later_frame_idx);
 
 }  // namespace mgsfm

@@ -68,9 +68,7 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
     if (path.is_contested[earlier] || path.is_contested[later]) {
       refined = RefineMotion(problem, path, earlier, later);
     }
-    if (!refined && path.num_unknown[earlier] != path.num_unknown[later]) {
-      return;
-    }
+    if (!refined && path.group[earlier] != path.group[later]) return;
     const MeasuredMotion motion =
         refined ? *refined : path.MeasuredBetween(earlier, later);
     placed[i] = is_reversed ? motion.Inverse() : motion;
@@ -452,12 +450,16 @@ MotionOfScene FindByDepths(MotionProblem problem,
                            const Context& context, RigPath* path) {
   problem.noise_displacement = NoiseDisplacement(problem.scene, problem.depths,
                                                  verification.max_error_px);
-  *path = FindRigPath(
-      *problem.index.order(), problem.index.num_frames(),
-      FindHypothesesByDepths(problem, context),
+  const MotionEvidence evidence{
+      [&](int earlier, int later) {
+        return FindHypothesesByDepths(problem, context.random_seed, earlier,
+                                      later);
+      },
       [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
         return ExclusionOf(problem, earlier, later, a, b);
-      });
+      }};
+  *path = FindRigPath(*problem.index.order(), problem.index.num_frames(),
+                      evidence, context.num_threads);
   return JudgeByMatches(problem, RefinePath(problem, *path), verification,
                         context);
 }
@@ -497,7 +499,11 @@ MotionOfScene FindByPairs(MotionProblem problem, double min_parallax_deg,
     }
   }
   *path = FindRigPath(*problem.index.order(), problem.index.num_frames(),
-                      FindHypothesesByPairs(problem, lengths, context));
+                      {[&](int earlier, int later) {
+                        return FindHypothesesByPairs(problem, lengths, earlier,
+                                                     later);
+                      }},
+                      context.num_threads);
   return JudgeByPoses(problem, *path, lengths, context);
 }
 

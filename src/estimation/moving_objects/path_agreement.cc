@@ -205,19 +205,18 @@ std::optional<MeasuredMotion> RefineMotion(const MotionProblem& problem,
 RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
   RigPath refined = path;
   for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    int num_measured = 0;
     for (size_t k = 0; k + 1 < sequence.size(); ++k) {
       const int a = sequence[k], b = sequence[k + 1];
-      refined.num_unknown[b] -= num_measured;
       if (!path.IsComparable(a, b)) continue;
       std::optional<MeasuredMotion> step;
-      if (path.is_interpolated[b] || path.is_contested[a] ||
-          path.is_contested[b]) {
+      if (!path.is_in_long_motion[b] &&
+          (path.is_interpolated[b] || path.is_contested[a] ||
+           path.is_contested[b])) {
         step = RefineMotion(problem, path, a, b);
       }
-      if (step && path.num_unknown[a] != path.num_unknown[b]) {
-        --refined.num_unknown[b];
-        ++num_measured;
+      if (step && refined.group[a] != refined.group[b]) {
+        std::replace(refined.group.begin(), refined.group.end(),
+                     int{refined.group[b]}, int{refined.group[a]});
       }
       RigPath::Place place = *refined.of_frame[a];
       place.Move(step ? *step : path.MeasuredBetween(a, b));

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <utility>
@@ -56,6 +57,8 @@ Rigid3 Stop(double time) {
 class Drive {
  public:
   using RigFromWorld = std::function<Rigid3(double time)>;
+  using Comparison =
+      std::function<MotionExclusion(int, int, const Rigid3&, const Rigid3&)>;
 
   explicit Drive(const RigFromWorld& rig_from_world,
                  std::vector<int> order = InOrder(kNumFrames),
@@ -106,8 +109,21 @@ class Drive {
     }
   }
 
-  RigPath FindPath() const {
-    return FindRigPath(TemporalOrder(scene_), kNumFrames, {steps_});
+  // A hypothesis of the motion between the frames of two ranks.
+  void AddLong(int rank1, int rank2, const MotionHypothesis& hypothesis) {
+    long_motions_[{rank1, rank2}].push_back(hypothesis);
+  }
+
+  RigPath FindPath(const Comparison& compare = {}) const {
+    std::vector<int> rank_of_frame(kNumFrames);
+    for (int k = 0; k < kNumFrames; ++k) rank_of_frame[order_[k]] = k;
+    const auto find = [&](int earlier, int later) {
+      const int rank1 = rank_of_frame[earlier], rank2 = rank_of_frame[later];
+      if (rank2 == rank1 + 1) return steps_[rank1];
+      const auto it = long_motions_.find({rank1, rank2});
+      return it == long_motions_.end() ? StepHypotheses() : it->second;
+    };
+    return FindRigPath(TemporalOrder(scene_), kNumFrames, {find, compare}, 1);
   }
   bool AreComparable(const RigPath& path, int rank1, int rank2) const {
     return path.IsComparable(order_[rank1], order_[rank2]);
@@ -132,6 +148,7 @@ class Drive {
   Scene scene_;
   std::vector<Rigid3> rig_from_world_;  // per rank
   std::vector<StepHypotheses> steps_;
+  std::map<std::pair<int, int>, StepHypotheses> long_motions_;
 };
 
 TEST(MotionContinuityTest, ALorryThatKeepsItsDistanceIsExposed) {
@@ -213,7 +230,64 @@ TEST(MotionContinuityTest, StepsThatNothingMeasuresAreUnknown) {
   const RigPath path = drive.FindPath();
   for (int k = 1; k < kNumFrames; ++k) {
     const int num_unknown = k < 30 ? 0 : k == 30 ? 1 : 2;
-    EXPECT_EQ(path.num_unknown[k], num_unknown) << k;
+    EXPECT_EQ(path.group[k], num_unknown) << k;
+  }
+}
+
+MotionExclusion ExcludesAll(int, int, const Rigid3&, const Rigid3&) {
+  return {1.0, 1.0, 0};
+}
+
+// A lorry ahead that only frames three steps apart show.
+TEST(MotionContinuityTest, AMotionOverSeveralStepsCompetes) {
+  for (const std::vector<int>& order :
+       {InOrder(kNumFrames), Shuffled(kNumFrames)}) {
+    Drive drive(Bend, order);
+    drive.AddWorld(0, kNumFrames - 1, 0.9);
+    for (int k = 20; k < 30; ++k) {
+      drive.AddLong(k, k + 3, {{drive.TrueMotion(k, k + 3)}, 0.3, 0.3});
+      drive.AddLong(k, k + 3, {{Rigid3()}, 0.7, 0.7});
+    }
+    const RigPath path = drive.FindPath(ExcludesAll);
+    drive.ExpectTruth(path, 0, kNumFrames);
+    for (int k = 0; k < kNumFrames; ++k) {
+      EXPECT_EQ(drive.IsContested(path, k), k >= 20 && k <= 32) << k;
+    }
+    // Matches that no motion excludes show no object.
+    EXPECT_FALSE(drive
+                     .FindPath([](int, int, const Rigid3&, const Rigid3&) {
+                       return MotionExclusion{};
+                     })
+                     .is_contested.Any());
+  }
+}
+
+// The rig speeds up behind a lorry that hides the world from consecutive
+// frames. Frames before and after it measure the motion between them, with a
+// distance or without.
+TEST(MotionContinuityTest, AMotionOverSeveralStepsFillsAGap) {
+  const auto speeding_up = [](double time) {
+    return Straight(time + 0.15 * std::clamp(time - 30.0, 0.0, 2.0));
+  };
+  for (const bool has_distance : {true, false}) {
+    Drive drive(speeding_up);
+    drive.AddWorld(0, 30, 0.5);
+    drive.AddWorld(32, kNumFrames - 1, 0.5);
+    drive.AddObject(20, 40, {Quaterniond::Identity(), {0.0, 0.01, 0.0}}, 0.5);
+    EXPECT_NEAR(drive.FindPath().Between(30, 32).Center().z(), 4.0, 1e-6);
+    MotionHypothesis hypothesis{{drive.TrueMotion(28, 33)}, 0.5, 0.5};
+    if (!has_distance) {
+      hypothesis.free_direction = Vector3d::UnitZ();
+      hypothesis.later_from_earlier = Rigid3();
+    }
+    drive.AddLong(28, 33, hypothesis);
+    const RigPath path = drive.FindPath();
+    EXPECT_NEAR(path.Between(30, 32).Center().z(), has_distance ? 4.6 : 4.0,
+                1e-6);
+    EXPECT_EQ(path.group[29], path.group[33]);
+    EXPECT_NE(path.group[29], path.group[31]);
+    EXPECT_TRUE(path.is_in_long_motion[31] && path.is_in_long_motion[32]);
+    EXPECT_FALSE(path.is_in_long_motion[30] || path.is_in_long_motion[33]);
   }
 }
 
@@ -490,11 +564,12 @@ TEST(MotionContinuityTest, SequencesAreNotComparable) {
   for (const uint32_t id : {1, 2, 3}) scene.rigs.push_back({RigId(id), 0, {}});
   const Rigid3 slow{Quaterniond::Identity(), {0.0, 0.0, -1.0}};
   const Rigid3 fast{Quaterniond::Identity(), {0.0, 0.0, -3.0}};
-  const RigPath path =
-      FindRigPath(TemporalOrder(scene), idx,
-                  {{{{{slow}, 0.5, 0.5}}},
-                   {},
-                   {{{{fast}, 0.5, 0.5}}, {{{fast}, 0.5, 0.5}}}});
+  const RigPath path = FindRigPath(
+      TemporalOrder(scene), idx, {[&](int earlier, int later) {
+        if (later != earlier + 1) return StepHypotheses();
+        return StepHypotheses{{{earlier < 2 ? slow : fast}, 0.5, 0.5}};
+      }},
+      1);
   for (int i = 0; i < idx; ++i) {
     for (int k = i + 1; k < idx; ++k) {
       EXPECT_EQ(path.IsComparable(i, k), k < 2 || i >= 3) << i << " " << k;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/motion_search.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -7,7 +9,6 @@
 
 #include "base/random.h"
 #include "geometry/so3.h"
-#include "moving_objects/motion_continuity.h"
 
 namespace mgsfm {
 namespace {

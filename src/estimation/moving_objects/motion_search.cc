@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/motion_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+using ChosenMotions = std::vector<std::optional<ChosenMotion>>;
+
+// docs/results/constants.md shows the sensitivity to these thresholds.
+//
+// A step without a hypothesis counts like one that 2 % of the matches support.
+constexpr double kSkipCost = 4.0;
+// Cost above that of any jump that a skip could avoid.
+constexpr double kNeverSkip = 1e4;
+// Weight of the fraction of matches: a vehicle has four times as many as the
+// static scene for tens of frames. With 1, the path followed a vehicle for 38
+// steps.
+constexpr double kShareWeight = 0.5;
+// Weight of the logarithm of the relative reach. On eight drives, 38 steps are
+// unknown with 1 and 12 with 2 or 3, and 20 are wrong with each.
+constexpr double kNearnessWeight = 2.0;
+// Prefers steps with a distance that continues the motion: a step without a
+// distance fits any speed.
+constexpr double kFreeDistanceCost = 1.0;
+// Scale of the loss of the squared change of the motion. Half or twice the
+// value changes no error.
+constexpr double kLossScale = 30.0;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+double Loss(double squared) {
+  return kLossScale * std::log1p(squared / kLossScale);
+}
+
+// Chooses hypotheses by dynamic programming.
+class MotionSearch {
+ public:
+  MotionSearch(const Steps& steps, const Mask& is_doubtful) : steps_(steps) {
+    size_t with_candidates = 0;  // the last step before
+    skip_cost_before_.push_back(0.0);
+    for (size_t k = 0; k < steps.size(); ++k) {
+      const bool is_empty = steps.candidates[k].empty();
+      skip_cost_before_.push_back(
+          skip_cost_before_.back() +
+          (is_doubtful[k] || is_empty ? kSkipCost : kNeverSkip));
+      first_before_.push_back(
+          std::min(with_candidates, k - std::min(k, kMaxNumSkipped + 1)));
+      if (!is_empty) with_candidates = k;
+    }
+  }
+
+  MotionChoice Solve() {
+    for (size_t k = 0; k < steps_.size(); ++k) {
+      nodes_.emplace_back();
+      for (const Candidate& candidate : steps_.candidates[k]) {
+        nodes_.back().push_back(BestNode(k, candidate));
+      }
+    }
+    MotionChoice choice;
+    choice.motions = TraceBack(&choice.cost);
+    choice.margins = Margins(choice);
+    return choice;
+  }
+
+ private:
+  struct Position {
+    size_t step, hypothesis;
+  };
+  struct Node {
+    double cost = 0.0;
+    std::optional<Position> previous;
+    Velocity velocity;
+  };
+
+  // The cost of skipping the steps in [begin, end).
+  double SkipCost(size_t begin, size_t end) const {
+    return skip_cost_before_[end] - skip_cost_before_[begin];
+  }
+
+  // The cost of the difference between a free distance and the distances by
+  // depth.
+  static double CostOfDistance(const Candidate& candidate,
+                               const Vector3d& center) {
+    double lowest = candidate.measured.empty() ? 0.0 : kInfinity;
+    for (const MeasuredMotion& motion : candidate.measured) {
+      const Vector3d measured = motion.later_from_earlier.Center();
+      const Vector3d error = center - measured;
+      const double tolerance = kRelativeTolerance * measured.norm();
+      lowest = std::min(lowest,
+                        error.squaredNorm() /
+                            (tolerance * tolerance +
+                             VarianceAlong(motion.center_covariance, error)));
+    }
+    return Loss(lowest);
+  }
+
+  // The cost of a candidate of step k with this velocity, after a node.
+  double CostOfChange(const Node& node, const Velocity& velocity, size_t k,
+                      const Candidate& candidate) const {
+    return Loss(SquaredChange(node.velocity, velocity, steps_.noise)) +
+           CostOfDistance(candidate,
+                          steps_.Duration(k, candidate) * velocity.linear);
+  }
+
+  static double OwnCost(const Candidate& candidate) {
+    return -kShareWeight * std::log(candidate.share) +
+           kNearnessWeight * candidate.nearness +
+           (candidate.free_direction ? kFreeDistanceCost : 0.0);
+  }
+
+  Node BestNode(size_t k, const Candidate& candidate) const {
+    Node best{SkipCost(0, k),
+              {},
+              VelocityOf(steps_.MotionOf(k, candidate),
+                         steps_.Duration(k, candidate))};
+    for (size_t previous = first_before_[k];
+         previous + candidate.num_steps <= k; ++previous) {
+      for (size_t g = 0; g < nodes_[previous].size(); ++g) {
+        const Node& node = nodes_[previous][g];
+        const double skipped = node.cost + SkipCost(previous + 1, k);
+        if (skipped >= best.cost) continue;
+        const Velocity velocity =
+            steps_.VelocityAfter(node.velocity.linear, k, candidate);
+        const double cost =
+            skipped + CostOfChange(node, velocity, k, candidate);
+        if (cost < best.cost) best = {cost, Position{previous, g}, velocity};
+      }
+    }
+    best.cost += OwnCost(candidate);
+    return best;
+  }
+
+  ChosenMotions TraceBack(double* lowest) const {
+    std::optional<Position> position;
+    *lowest = SkipCost(0, nodes_.size());
+    for (size_t k = 0; k < nodes_.size(); ++k) {
+      for (size_t h = 0; h < nodes_[k].size(); ++h) {
+        const double cost = nodes_[k][h].cost + SkipCost(k + 1, nodes_.size());
+        if (!position || cost < *lowest) {
+          *lowest = cost;
+          position = Position{k, h};
+        }
+      }
+    }
+    ChosenMotions chosen(steps_.size());
+    while (position) {
+      const auto [k, h] = *position;
+      chosen[k] = ChosenMotion{nodes_[k][h].velocity, steps_.candidates[k][h]};
+      for (size_t i = 1; i < chosen[k]->candidate.num_steps; ++i) {
+        chosen[k - i] = chosen[k];
+        chosen[k - i]->is_inside = true;
+      }
+      position = nodes_[k][h].previous;
+    }
+    return chosen;
+  }
+
+  // The lowest cost of all steps after a node of step k, given those of the
+  // nodes of later steps.
+  double CostAfter(size_t k, const Node& node,
+                   const std::vector<std::vector<double>>& after) const {
+    double lowest = SkipCost(k + 1, nodes_.size());
+    for (size_t next = k + 1; next < nodes_.size() && first_before_[next] <= k;
+         ++next) {
+      for (size_t g = 0; g < nodes_[next].size(); ++g) {
+        const Candidate& candidate = steps_.candidates[next][g];
+        if (k + candidate.num_steps > next) continue;
+        const double cost =
+            SkipCost(k + 1, next) + OwnCost(candidate) + after[next][g];
+        if (cost >= lowest) continue;
+        const Velocity velocity =
+            steps_.VelocityAfter(node.velocity.linear, next, candidate);
+        lowest = std::min(lowest,
+                          cost + CostOfChange(node, velocity, next, candidate));
+      }
+    }
+    return lowest;
+  }
+
+  std::vector<double> Margins(const MotionChoice& choice) const {
+    std::vector<std::vector<double>> after(nodes_.size());
+    std::vector<double> margins(nodes_.size(), kInfinity);
+    for (size_t k = nodes_.size(); k-- > 0;) {
+      const auto& chosen = choice.motions[k];
+      for (size_t h = 0; h < nodes_[k].size(); ++h) {
+        const Node& node = nodes_[k][h];
+        after[k].push_back(CostAfter(k, node, after));
+        const double margin = node.cost + after[k].back() - choice.cost;
+        if (margin >= margins[k]) continue;
+        if (!chosen || IsAnother(*chosen, k, steps_.candidates[k][h], node)) {
+          margins[k] = margin;
+        }
+      }
+    }
+    return margins;
+  }
+
+  // Whether a candidate of step k is another motion than the chosen one. A
+  // direction without a distance is the same motion if it agrees with the
+  // chosen one at the closest distance, unless its matches contradict the
+  // chosen distance. Without `compare`, they always do.
+  bool IsAnother(const ChosenMotion& chosen, size_t k,
+                 const Candidate& candidate, const Node& node) const {
+    if (AreSimilar(chosen.velocity, node.velocity)) return false;
+    if (!candidate.free_direction) return true;
+    const MeasuredMotion motion =
+        mgsfm::MotionOf(chosen.velocity, steps_.Duration(k, candidate));
+    if (!AreEqualMotions(
+            candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
+            steps_.noise, kDistinct)) {
+      return true;
+    }
+    return chosen.HasDistance() &&
+           (!steps_.compare || candidate.num_steps > 1 ||
+            steps_.compare(k, steps_.MotionOf(k, candidate).later_from_earlier,
+                           motion.later_from_earlier)
+                    .unexplained >= kContestingShare);
+  }
+
+  bool AreSimilar(const Velocity& a, const Velocity& b) const {
+    return AreEqualMotions(MotionOf(a, 1.0), MotionOf(b, 1.0), steps_.noise,
+                           kDistinct);
+  }
+
+  const Steps& steps_;
+  std::vector<double> skip_cost_before_;  // sums over the steps before each
+  // Per step: the first one that may come before it. More steps than
+  // kMaxNumSkipped may be skipped if none of them has a hypothesis.
+  std::vector<size_t> first_before_;
+  std::vector<std::vector<Node>> nodes_;
+};
+
+}  // namespace
+
+MotionChoice ChooseMotions(const Steps& steps, const Mask& is_doubtful) {
+  MGSFM_CHECK_EQ(is_doubtful.size(), steps.size());
+  return MotionSearch(steps, is_doubtful).Solve();
+}
+
+}  // namespace mgsfm
