@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <numeric>
 #include <utility>
 
-#include "base/parallel.h"
-#include "base/ranges.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -15,148 +15,154 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using ChosenMotions = std::vector<std::optional<ChosenMotion>>;
 
-// MEASURE
-constexpr size_t kMaxNumSteps = 3;
+// One motion after another, with independent errors.
+MeasuredMotion Compose(const MeasuredMotion& second,
+                       const MeasuredMotion& first) {
+  const Matrix3d rotation1 =
+      first.later_from_earlier.rotation.toRotationMatrix();
+  const Matrix3d rotation2 =
+      second.later_from_earlier.rotation.toRotationMatrix();
+  const Matrix3d lever = CrossMatrix(second.later_from_earlier.Center());
+  return {second.later_from_earlier * first.later_from_earlier,
+          second.rotation_covariance +
+              rotation2 * first.rotation_covariance * rotation2.transpose(),
+          first.center_covariance +
+              rotation1.transpose() *
+                  (second.center_covariance +
+                   lever * first.rotation_covariance * lever.transpose()) *
+                  rotation1};
+}
 
-// The motion of the chosen steps in [begin, end).
-Rigid3 MotionOfSteps(const ChosenMotions& chosen, const Steps& steps,
-                     size_t begin, size_t end) {
-  Rigid3 motion;
+// A range of steps, and the chosen motions before and after the steps in it
+// that have none.
+struct Gap {
+  size_t first = 0, last = 0;  // unknown steps
+  MeasuredMotion before, after;
+  // The durations of the whole range and of the steps from first to last.
+  double duration = 0.0, inner_duration = 0.0;
+
+  MeasuredMotion Inner(const MeasuredMotion& whole) const {
+    return Compose(after.Inverse(), Compose(whole, before.Inverse()));
+  }
+
+  // A free distance is at least that of the point closest to the origin. The
+  // variance of the direction is that of the whole, longer motion.
+  MotionHypothesis Inner(const MotionHypothesis& whole) const {
+    MotionHypothesis inner = whole;
+    static_cast<MeasuredMotion&>(inner) =
+        Inner(static_cast<const MeasuredMotion&>(whole));
+    if (!whole.free_direction) return inner;
+    const Eigen::Quaterniond& from_earlier = before.later_from_earlier.rotation;
+    const Vector3d direction = from_earlier * *whole.free_direction;
+    const Vector3d center = inner.later_from_earlier.Center();
+    inner.free_direction = direction;
+    inner.later_from_earlier = Rigid3::FromRotationAndCenter(
+        inner.later_from_earlier.rotation,
+        center + std::max(0.0, -direction.dot(center)) * direction);
+    const double factor = duration / inner_duration;
+    const Matrix3d turn = from_earlier.toRotationMatrix();
+    inner.center_covariance =
+        factor * factor * turn * whole.center_covariance * turn.transpose();
+    return inner;
+  }
+};
+
+double Sum(const std::vector<double>& durations, size_t begin, size_t end) {
+  return std::accumulate(durations.begin() + static_cast<std::ptrdiff_t>(begin),
+                         durations.begin() + static_cast<std::ptrdiff_t>(end),
+                         0.0);
+}
+
+// The composition of chosen motions. nullopt if a distance is unknown.
+std::optional<MeasuredMotion> MotionOfSteps(const ChosenMotions& chosen,
+                                            const Steps& steps, size_t begin,
+                                            size_t end) {
+  MeasuredMotion motion;
   for (size_t k = begin; k < end; ++k) {
-    motion =
-        MotionOf(chosen[k]->velocity, steps.durations[k]).later_from_earlier *
-        motion;
+    if (!chosen[k] || !chosen[k]->HasDistance()) return std::nullopt;
+    motion = Compose(MotionOf(chosen[k]->velocity, steps.durations[k]), motion);
   }
   return motion;
 }
 
-// A hypothesis for the steps of a longer one, without the motions before and
-// after them. A free distance is at least that of the closest point to the
-// origin, from where its error has the same variance for a step of length
-// `typical_step`.
-MotionHypothesis WithoutEnds(const MotionHypothesis& hypothesis,
-                             const Rigid3& before, const Rigid3& after,
-                             double typical_step) {
-  MotionHypothesis inner = hypothesis;
-  const Matrix3d from_earlier = before.rotation.toRotationMatrix();
-  const Matrix3d from_later = after.rotation.conjugate().toRotationMatrix();
-  inner.later_from_earlier =
-      after.Inverse() * hypothesis.later_from_earlier * before.Inverse();
-  inner.rotation_covariance =
-      from_later * hypothesis.rotation_covariance * from_later.transpose();
-  inner.center_covariance =
-      from_earlier * hypothesis.center_covariance * from_earlier.transpose();
-  if (!hypothesis.free_direction) return inner;
-  const Vector3d direction = from_earlier * *hypothesis.free_direction;
-  const Vector3d center = inner.later_from_earlier.Center();
-  const double shift = std::max(0.0, -direction.dot(center));
-  inner.free_direction = direction;
-  inner.later_from_earlier = Rigid3::FromRotationAndCenter(
-      inner.later_from_earlier.rotation, center + shift * direction);
-  const double factor = 1.0 + shift / typical_step;
-  inner.center_covariance *= factor * factor;
-  return inner;
-}
-
-// The hypotheses between two frames that compete with a motion.
-std::vector<MeasuredMotion> FindRivals(const MotionEvidence& evidence,
-                                       int earlier_frame_idx,
-                                       int later_frame_idx,
-                                       const Rigid3& motion,
-                                       const MotionNoise& noise) {
-  std::vector<MeasuredMotion> rivals;
-  for (const Candidate& candidate : GroupHypotheses(
-           evidence.find(earlier_frame_idx, later_frame_idx), noise)) {
-    const MeasuredMotion other = candidate.ClosestTo(motion.Center());
-    if (IsOtherMotion(candidate, {motion}, noise) &&
-        evidence.compare(earlier_frame_idx, later_frame_idx, motion,
-                         other.later_from_earlier)
-                .share >= kContestingShare) {
-      rivals.push_back(other);
-    }
+// The unknown steps among those in [begin, end). nullopt if there are none, or
+// if a distance of the others is unknown.
+std::optional<Gap> FindGap(const ChosenMotions& chosen, const Steps& steps,
+                           size_t begin, size_t end) {
+  Gap gap;
+  gap.first = begin;
+  gap.last = end;
+  while (gap.first < end && chosen[gap.first]) ++gap.first;
+  if (gap.first == end) return std::nullopt;
+  while (chosen[--gap.last]) {
   }
-  return rivals;
+  const auto before = MotionOfSteps(chosen, steps, begin, gap.first);
+  const auto after = MotionOfSteps(chosen, steps, gap.last + 1, end);
+  if (!before || !after) return std::nullopt;
+  gap.before = *before;
+  gap.after = *after;
+  gap.duration = Sum(steps.durations, begin, end);
+  gap.inner_duration = Sum(steps.durations, gap.first, gap.last + 1);
+  return gap;
 }
-
-// A motion between two frames, and those that compete with it.
-struct Contest {
-  std::optional<MeasuredMotion> motion;
-  std::vector<MeasuredMotion> rivals;
-
-  // Whether the motion and a rival are those of the next frames, too. An error
-  // does not recur.
-  bool Recurs(const Contest& next, const MotionNoise& noise) const {
-    return motion && next.motion &&
-           AreEqualMotions(*motion, *next.motion, noise) &&
-           AnyOf(rivals, [&](const MeasuredMotion& a) {
-             return AnyOf(next.rivals, [&](const MeasuredMotion& b) {
-               return AreEqualMotions(a, b, noise);
-             });
-           });
-  }
-};
 
 }  // namespace
-
-Mask FindLongRivals(const std::vector<int>& frame_idxs,
-                    const MotionEvidence& evidence, const Steps& steps,
-                    const ChosenMotions& chosen, int num_threads) {
-  Mask is_within(steps.size(), false);
-  if (!evidence.compare) return is_within;
-  for (size_t num_steps = 2; num_steps <= std::min(kMaxNumSteps, steps.size());
-       ++num_steps) {
-    std::vector<Contest> contests(steps.size() + 1 - num_steps);
-    ParallelFor(contests.size(), num_threads, [&](size_t k) {
-      const auto begin = chosen.begin() + static_cast<std::ptrdiff_t>(k);
-      if (!std::all_of(begin, begin + static_cast<std::ptrdiff_t>(num_steps),
-                       [](const auto& motion) {
-                         return motion && motion->HasDistance();
-                       })) {
-        return;
-      }
-      contests[k].motion = {MotionOfSteps(chosen, steps, k, k + num_steps)};
-      contests[k].rivals =
-          FindRivals(evidence, frame_idxs[k], frame_idxs[k + num_steps],
-                     contests[k].motion->later_from_earlier, steps.noise);
-    });
-    for (size_t k = 0; k + num_steps < contests.size(); ++k) {
-      if (contests[k].Recurs(contests[k + num_steps], steps.noise)) {
-        is_within.Fill(k, k + 2 * num_steps, true);
-      }
-    }
-  }
-  return is_within;
-}
 
 bool AddLongMotions(const std::vector<int>& frame_idxs,
                     const MotionEvidence& evidence, const ChosenMotions& chosen,
                     const Mask& is_doubtful, Steps* steps) {
   bool are_added = false;
   for (size_t begin = 0; begin < chosen.size(); ++begin) {
-    std::optional<size_t> first_unknown, last_unknown;
-    const size_t end = std::min(chosen.size(), begin + kMaxNumSkipped + 1);
-    for (size_t k = begin; k < end && (chosen[k] || is_doubtful[k]); ++k) {
-      if (!chosen[k]) {
-        first_unknown = first_unknown.value_or(k);
-        last_unknown = k;
+    const size_t last = std::min(chosen.size(), begin + kMaxNumSkipped + 1) - 1;
+    for (size_t k = begin; k <= last && (chosen[k] || is_doubtful[k]); ++k) {
+      const auto gap = FindGap(chosen, *steps, begin, k + 1);
+      if (!gap || k == begin) continue;
+      for (Candidate& candidate :
+           GroupHypotheses(evidence.find(frame_idxs[begin], frame_idxs[k + 1]),
+                           steps->noise)) {
+        static_cast<MotionHypothesis&>(candidate) =
+            gap->Inner(static_cast<const MotionHypothesis&>(candidate));
+        for (MeasuredMotion& motion : candidate.measured) {
+          motion = gap->Inner(motion);
+        }
+        if (candidate.by_depth) {
+          candidate.by_depth = gap->Inner(*candidate.by_depth);
+        }
+        candidate.num_steps = gap->last + 1 - gap->first;
+        steps->candidates[gap->last].push_back(std::move(candidate));
+        are_added = true;
       }
-      if (!first_unknown || k == begin) continue;
-      StepHypotheses hypotheses =
-          evidence.find(frame_idxs[begin], frame_idxs[k + 1]);
-      const Rigid3 before =
-          MotionOfSteps(chosen, *steps, begin, *first_unknown);
-      const Rigid3 after =
-          MotionOfSteps(chosen, *steps, *last_unknown + 1, k + 1);
-      for (MotionHypothesis& hypothesis : hypotheses) {
-        hypothesis =
-            WithoutEnds(hypothesis, before, after, steps->noise.median_step);
-      }
-      AddLongStep(hypotheses, *last_unknown, *last_unknown + 1 - *first_unknown,
-                  steps);
-      are_added |= !hypotheses.empty();
     }
   }
   return are_added;
+}
+
+// With the angular velocity w, the center after steps of durations d_i from the
+// times t_i on is sum_i d_i Exp(-w t_i) v.
+void DivideLongMotions(const std::vector<double>& durations,
+                       ChosenMotions* chosen) {
+  for (size_t k = 0; k < chosen->size(); ++k) {
+    if (!(*chosen)[k] || (*chosen)[k]->is_inside) continue;
+    const size_t num_steps = (*chosen)[k]->candidate.num_steps;
+    if (num_steps == 1) continue;
+    Velocity velocity = (*chosen)[k]->velocity;
+    Matrix3d center_by_velocity = Matrix3d::Zero();
+    double duration = 0.0;
+    for (size_t i = k + 1 - num_steps; i <= k; ++i) {
+      center_by_velocity +=
+          durations[i] *
+          ExpSO3(-duration * velocity.angular_rad).toRotationMatrix();
+      duration += durations[i];
+    }
+    velocity.linear =
+        center_by_velocity.inverse() * (duration * velocity.linear);
+    for (size_t i = k + 1 - num_steps; i <= k; ++i) {
+      Velocity& of_step = (*chosen)[i]->velocity;
+      of_step = velocity;
+      of_step.linear_covariance *= duration / durations[i];
+      of_step.angular_covariance *= duration / durations[i];
+    }
+  }
 }
 
 }  // namespace mgsfm

@@ -12,30 +12,24 @@ namespace mgsfm {
 
 // Motions between frames that are several steps of a sequence apart.
 //
-// A vehicle that leads the rig stays in view longer than the static scene.
-// Consecutive frames may show the scene, and frames further apart the vehicle:
-// its motion competes with the steps between them. Where the vehicle fills the
-// views of consecutive frames, frames further apart may show the scene, as one
-// of them sees past it.
-
-// The steps within motions over kMaxNumSteps steps or fewer that compete with
-// the composition of the chosen motions, if their distances are measured: they
-// differ, have support, their
-// matches exclude each other, and the motion that begins one step later is
-// equal. None without `compare`, because the errors of many steps add up. Cost:
-// that of the hypotheses, once for each number of steps.
-[[nodiscard]] Mask FindLongRivals(
-    const std::vector<int>& frame_idxs, const MotionEvidence& evidence,
-    const Steps& steps, const std::vector<std::optional<ChosenMotion>>& chosen,
-    int num_threads);
-
-// Adds candidates for steps without a choice: the hypotheses between frames
-// before and after them, at most kMaxNumSkipped + 1 steps apart, without the
-// chosen motions of the other steps between these frames. Returns whether there
-// are any.
+// Where a vehicle fills the views of consecutive frames, their matches measure
+// the motion relative to the vehicle only. Frames further apart may show the
+// scene, as one of them sees past the vehicle.
+//
+// Adds candidates for steps without a choice: the hypotheses between frames at
+// most kMaxNumSkipped + 1 steps apart, without the chosen motions of the steps
+// before the first unknown step and after the last one, whose distances must be
+// known. Returns whether there are any.
+//
+// Cost: that of the hypotheses, for each pair of frames around an unknown step.
 bool AddLongMotions(const std::vector<int>& frame_idxs,
                     const MotionEvidence& evidence,
                     const std::vector<std::optional<ChosenMotion>>& chosen,
                     const Mask& is_doubtful, Steps* steps);
+
+// Gives each step within a chosen motion over several steps the velocity of a
+// uniform motion that leads to the end, and its part of the variance.
+void DivideLongMotions(const std::vector<double>& durations,
+                       std::vector<std::optional<ChosenMotion>>* chosen);
 
 }  // namespace mgsfm

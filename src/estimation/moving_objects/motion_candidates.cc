@@ -323,14 +323,10 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
 }
 
 const Candidate* Strongest(const std::vector<Candidate>& candidates) {
-  const Candidate* strongest = nullptr;
-  for (const Candidate& candidate : candidates) {
-    if (candidate.num_steps == 1 &&
-        (strongest == nullptr || candidate.share > strongest->share)) {
-      strongest = &candidate;
-    }
-  }
-  return strongest;
+  const auto strongest = std::max_element(
+      candidates.begin(), candidates.end(),
+      [](const auto& a, const auto& b) { return a.share < b.share; });
+  return strongest == candidates.end() ? nullptr : &*strongest;
 }
 
 namespace {
@@ -574,14 +570,6 @@ bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
          !AreEqualMotions(
              candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
              noise, factor);
-}
-
-void AddLongStep(const StepHypotheses& hypotheses, size_t k, size_t num_steps,
-                 Steps* steps) {
-  for (Candidate& candidate : GroupHypotheses(hypotheses, steps->noise)) {
-    candidate.num_steps = num_steps;
-    steps->candidates[k].push_back(std::move(candidate));
-  }
 }
 
 std::vector<Candidate> TryDistances(const Steps& steps, size_t k) {

@@ -10,7 +10,7 @@
 
 namespace mgsfm {
 
-// The motions among which the search (motion_continuity.h) chooses.
+// The motions among which the search (motion_search.h) chooses.
 //
 // Correspondences with depth measure the distance of a step, but turn it by up
 // to a degree where they are few. Image pairs of one camera measure the
@@ -134,7 +134,7 @@ double SquaredChange(const Velocity& a, const Velocity& b,
 // A hypothesis, with one of the distances to try if its distance is free, and
 // the motions from matches with depth that agree with it.
 struct Candidate : MotionHypothesis {
-  // It leads over the steps up to that of which it is a candidate.
+  // The number of steps that it spans. It is a candidate of the last one.
   size_t num_steps = 1;
   std::vector<MeasuredMotion> measured = {};
   std::optional<Eigen::Vector3d> tried_center = {};
@@ -194,18 +194,13 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
 // Whether a competing motion has support and also fits an adjacent frame pair.
 bool HasRivals(const Steps& steps, size_t k);
 
-// The motion with the largest share of those over one step. nullptr if there is
-// none.
+// The motion with the largest share. nullptr if there is none.
 const Candidate* Strongest(const std::vector<Candidate>& candidates);
 
 // Whether a candidate has support and differs from a motion by more than
 // `factor` tolerances.
 bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
                    const MotionNoise& noise, double factor = 1.0);
-
-// Adds the hypotheses of the motion over the `num_steps` steps up to step k.
-void AddLongStep(const StepHypotheses& hypotheses, size_t k, size_t num_steps,
-                 Steps* steps);
 
 // The candidates of a step, with one candidate for each distance to try if the
 // distance is free.

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "base/parallel.h"
-#include "base/ranges.h"
 #include "moving_objects/long_motions.h"
 #include "moving_objects/motion_candidates.h"
 #include "moving_objects/motion_search.h"
@@ -76,9 +75,12 @@ Mask FindAmbiguous(const std::vector<double>& margins,
 void RestoreMotionsByDepth(const Steps& steps, ChosenMotions* chosen) {
   for (size_t k = 0; k < chosen->size(); ++k) {
     auto& motion = (*chosen)[k];
-    if (!motion || !motion->candidate.by_depth) continue;
+    if (!motion || motion->is_inside || !motion->candidate.by_depth) continue;
     motion->velocity = VelocityOf(*motion->candidate.by_depth,
                                   steps.Duration(k, motion->candidate));
+    for (size_t i = 1; i < motion->candidate.num_steps; ++i) {
+      (*chosen)[k - i]->velocity = motion->velocity;
+    }
   }
 }
 
@@ -92,7 +94,7 @@ void InterpolateDistances(const Steps& steps, ChosenMotions* chosen) {
   if (known.empty()) return;
   for (size_t k = 0; k < chosen->size(); ++k) {
     auto& motion = (*chosen)[k];
-    if (!motion || motion->HasDistance()) continue;
+    if (!motion || motion->is_inside || motion->HasDistance()) continue;
     const auto next = std::lower_bound(known.begin(), known.end(), k);
     const size_t after = next == known.end() ? known.back() : *next;
     const size_t before = next == known.begin() ? after : *(next - 1);
@@ -114,21 +116,6 @@ void InterpolateDistances(const Steps& steps, ChosenMotions* chosen) {
     motion->velocity.linear_covariance +=
         std::min(steps_from(before), steps_from(after)) * change * change *
         Matrix3d::Identity();
-  }
-}
-
-// Gives the steps within a motion over several steps the velocity of the last
-// one, and each step its part of the variance.
-void DivideLongMotions(ChosenMotions* chosen) {
-  for (size_t k = chosen->size(); k-- > 0;) {
-    auto& motion = (*chosen)[k];
-    if (!motion || motion->is_inside) continue;
-    const auto num_steps = static_cast<double>(motion->candidate.num_steps);
-    motion->velocity.linear_covariance *= num_steps;
-    motion->velocity.angular_covariance *= num_steps;
-    for (size_t i = 1; i < motion->candidate.num_steps; ++i) {
-      (*chosen)[k - i]->velocity = motion->velocity;
-    }
   }
 }
 
@@ -231,32 +218,34 @@ struct Decision {
 // The steps whose hypotheses disagree, or whose strongest one is not the
 // choice.
 Mask FindContested(const Steps& steps, const Mask& has_rivals,
+                   const std::vector<std::optional<Candidate>>& strongest,
                    const Decision& decision) {
   Mask is_contested = has_rivals;
   for (size_t k = 0; k < steps.size(); ++k) {
-    if (is_contested[k] || !decision.is_doubtful[k]) continue;
-    const Candidate* strongest = Strongest(steps.candidates[k]);
-    if (strongest == nullptr) continue;
+    if (is_contested[k] || !decision.is_doubtful[k] || !strongest[k]) continue;
     const auto& chosen = decision.choice.motions[k];
     is_contested[k] =
-        !chosen || IsOtherMotion(*strongest,
+        !chosen || IsOtherMotion(*strongest[k],
                                  MotionOf(chosen->velocity, steps.durations[k]),
                                  steps.noise, kDistinct);
   }
   return is_contested;
 }
 
-// Chooses among the hypotheses of single steps, then also considers motions
-// over several steps, which may compete with the choice or fill its gaps.
+// Chooses among the hypotheses of single steps, then fills gaps by motions over
+// several steps.
 Decision Decide(const std::vector<int>& sequence,
-                const MotionEvidence& evidence, int num_threads, Steps* steps) {
+                const MotionEvidence& evidence, Steps* steps) {
   Mask has_rivals(steps->size(), false);
+  std::vector<std::optional<Candidate>> strongest(steps->size());
   for (size_t k = 0; k < steps->size(); ++k) {
     has_rivals[k] = HasRivals(*steps, k);
+    const Candidate* candidate = Strongest(steps->candidates[k]);
+    if (candidate != nullptr) strongest[k] = *candidate;
   }
   Decision decision;
+  decision.is_doubtful = FindDoubtful(has_rivals);
   const auto choose = [&] {
-    decision.is_doubtful = FindDoubtful(has_rivals);
     for (size_t k = 0; k < steps->size(); ++k) {
       if (decision.is_doubtful[k]) {
         steps->candidates[k] = TryDistances(*steps, k);
@@ -265,19 +254,12 @@ Decision Decide(const std::vector<int>& sequence,
     decision.choice = ChooseMotions(*steps, decision.is_doubtful);
   };
   choose();
-  const Mask has_long_rivals = FindLongRivals(
-      sequence, evidence, *steps, decision.choice.motions, num_threads);
-  if (has_long_rivals.Any()) {
-    for (size_t k = 0; k < steps->size(); ++k) {
-      if (has_long_rivals[k]) has_rivals[k] = true;
-    }
-    choose();
-  }
   if (AddLongMotions(sequence, evidence, decision.choice.motions,
                      decision.is_doubtful, steps)) {
     choose();
   }
-  decision.is_contested = FindContested(*steps, has_rivals, decision);
+  decision.is_contested =
+      FindContested(*steps, has_rivals, strongest, decision);
   return decision;
 }
 
@@ -295,18 +277,18 @@ std::vector<int> GroupFrames(const ChosenMotions& chosen, int first_group) {
   return groups;
 }
 
-// Adds the places of one sequence, with segments and groups from these on.
+// Adds the places of one sequence.
 void FollowSequence(const TemporalOrder& order,
                     const std::vector<int>& sequence,
                     const MotionEvidence& evidence, int num_threads,
                     RigPath* path) {
   Steps steps = MeasureSteps(order, sequence, evidence, num_threads);
   path->noise = Larger(path->noise, steps.noise);
-  Decision decision = Decide(sequence, evidence, num_threads, &steps);
+  Decision decision = Decide(sequence, evidence, &steps);
   ChosenMotions& chosen = decision.choice.motions;
   RestoreMotionsByDepth(steps, &chosen);
   InterpolateDistances(steps, &chosen);
-  DivideLongMotions(&chosen);
+  DivideLongMotions(steps.durations, &chosen);
   AddDisagreement(steps, &chosen);
   const auto places =
       FollowMotion(chosen, steps, decision.is_doubtful,

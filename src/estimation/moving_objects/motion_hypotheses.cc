@@ -10,9 +10,7 @@
 #include <functional>
 #include <limits>
 
-#include "base/parallel.h"
 #include "base/random.h"
-#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "math/robust_scale.h"
 #include "moving_objects/motion_candidates.h"
@@ -150,10 +148,10 @@ std::optional<BaselineLength> MeasureLength(const MotionProblem& problem,
 }
 
 // Correspondences with depth are few and lie in the overlap of two cameras,
-// where a motion looks like a turn, and noise of depths favors the turn. If
-// the matches exclude no motion of a step, the one by the most matches of image
-// pairs replaces those of correspondences with depth that differ and that do
-// not explain more matches.
+// where a motion looks like a turn, and noise of depths favors the turn. If no
+// two motions exclude each other by their matches, the one by the most matches
+// of image pairs replaces those of correspondences with depth that differ and
+// that do not explain more matches.
 void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
                     int later_frame_idx, const StepHypotheses& of_pairs,
                     StepHypotheses* by_depth) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
-#include "mgsfm/base/context.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -15,7 +15,7 @@
 
 namespace mgsfm {
 
-// Hypotheses for the motion of a rig between consecutive frames of a sequence.
+// Hypotheses for the motion of a rig between two frames of a sequence.
 //
 // Matches of keypoints with depth determine a motion with its distance, but
 // where a vehicle fills the overlapping views, few of them show the static

@@ -209,9 +209,9 @@ RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
       const int a = sequence[k], b = sequence[k + 1];
       if (!path.IsComparable(a, b)) continue;
       std::optional<MeasuredMotion> step;
-      if (!path.is_in_long_motion[b] &&
-          (path.is_interpolated[b] || path.is_contested[a] ||
-           path.is_contested[b])) {
+      if (path.is_interpolated[b] ||
+          (!path.is_in_long_motion[b] &&
+           (path.is_contested[a] || path.is_contested[b]))) {
         step = RefineMotion(problem, path, a, b);
       }
       if (step && refined.group[a] != refined.group[b]) {

@@ -54,8 +54,9 @@ struct ExpectedPair {
 [[nodiscard]] std::optional<MeasuredMotion> RefineMotion(
     const MotionProblem& problem, const RigPath& path, int earlier, int later);
 
-// Refines the steps that are contested or interpolated. Matches that agree with
-// a refined step measure it.
+// Refines the steps that are interpolated, or contested and not part of a
+// measured motion over several steps. Matches that agree with a refined step
+// measure it.
 [[nodiscard]] RigPath RefinePath(const MotionProblem& problem,
                                  const RigPath& path);
 

@@ -22,7 +22,8 @@ namespace mgsfm {
 //   the inconsistent pairs between the two components have, together, at least
 //   min_share_against_bridge times as many matches. In a sequence, only
 //   neighbors count: the wrong loops across a cut grow with its length. Pairs
-//   that show an object do not count: a vehicle contradicts every right bridge.
+//   that an earlier rule rejects do not count: a vehicle contradicts every
+//   right bridge.
 //
 // The third condition spares chains in which only neighbors were matched: they
 // have no triplets, and one wrong pair would cut them all.
