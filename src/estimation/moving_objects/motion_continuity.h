@@ -42,8 +42,10 @@ namespace mgsfm {
 // to the previous one.
 //
 // Solver: dynamic programming over the hypotheses and a range of distances,
-// close enough together. Unknown distances of the solution
-// are interpolated between known ones. Cost: linear in the steps.
+// close enough together (motion_search.h). Where no hypothesis is chosen,
+// motions over several steps take part in a second choice (long_motions.h).
+// Unknown distances of the solution are interpolated between known ones. Cost:
+// linear in the steps.
 //
 // Ambiguity. A rig that starts beside a vehicle which starts, too, moves as
 // smoothly relative to the vehicle as relative to the street. Where the cost
