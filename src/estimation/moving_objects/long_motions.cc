@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <numeric>
 #include <utility>
 
 #include "geometry/so3.h"
@@ -14,24 +13,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using ChosenMotions = std::vector<std::optional<ChosenMotion>>;
-
-// One motion after another, with independent errors.
-MeasuredMotion Compose(const MeasuredMotion& second,
-                       const MeasuredMotion& first) {
-  const Matrix3d rotation1 =
-      first.later_from_earlier.rotation.toRotationMatrix();
-  const Matrix3d rotation2 =
-      second.later_from_earlier.rotation.toRotationMatrix();
-  const Matrix3d lever = CrossMatrix(second.later_from_earlier.Center());
-  return {second.later_from_earlier * first.later_from_earlier,
-          second.rotation_covariance +
-              rotation2 * first.rotation_covariance * rotation2.transpose(),
-          first.center_covariance +
-              rotation1.transpose() *
-                  (second.center_covariance +
-                   lever * first.rotation_covariance * lever.transpose()) *
-                  rotation1};
-}
 
 // A range of steps, and the chosen motions before and after the steps in it
 // that have none.
@@ -67,12 +48,6 @@ struct Gap {
   }
 };
 
-double Sum(const std::vector<double>& durations, size_t begin, size_t end) {
-  return std::accumulate(durations.begin() + static_cast<std::ptrdiff_t>(begin),
-                         durations.begin() + static_cast<std::ptrdiff_t>(end),
-                         0.0);
-}
-
 // The composition of chosen motions. nullopt if a distance is unknown.
 std::optional<MeasuredMotion> MotionOfSteps(const ChosenMotions& chosen,
                                             const Steps& steps, size_t begin,
@@ -101,8 +76,8 @@ std::optional<Gap> FindGap(const ChosenMotions& chosen, const Steps& steps,
   if (!before || !after) return std::nullopt;
   gap.before = *before;
   gap.after = *after;
-  gap.duration = Sum(steps.durations, begin, end);
-  gap.inner_duration = Sum(steps.durations, gap.first, gap.last + 1);
+  gap.duration = steps.Duration(end - 1, end - begin);
+  gap.inner_duration = steps.Duration(gap.last, gap.last + 1 - gap.first);
   return gap;
 }
 
@@ -137,8 +112,8 @@ bool AddLongMotions(const std::vector<int>& frame_idxs,
   return are_added;
 }
 
-// With the angular velocity w, the center after steps of durations d_i from the
-// times t_i on is sum_i d_i Exp(-w t_i) v.
+// A rig with the velocity v and the angular velocity w moves by
+// sum_i d_i Exp(-w t_i) v in steps of durations d_i that begin at times t_i.
 void DivideLongMotions(const std::vector<double>& durations,
                        ChosenMotions* chosen) {
   for (size_t k = 0; k < chosen->size(); ++k) {

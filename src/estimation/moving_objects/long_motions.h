@@ -12,8 +12,8 @@ namespace mgsfm {
 
 // Motions between frames that are several steps of a sequence apart.
 //
-// Where a vehicle fills the views of consecutive frames, their matches measure
-// the motion relative to the vehicle only. Frames further apart may show the
+// If a vehicle fills the views of consecutive frames, their matches measure
+// only the motion relative to the vehicle. Frames further apart may show the
 // scene, as one of them sees past the vehicle.
 //
 // Adds candidates for steps without a choice: the hypotheses between frames at

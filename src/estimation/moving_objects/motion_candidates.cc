@@ -439,6 +439,23 @@ MeasuredMotion MeasuredMotionOf(const Rigid3& pose,
   return {pose, of_rotation, by_pose * covariance * by_pose.transpose()};
 }
 
+MeasuredMotion Compose(const MeasuredMotion& second,
+                       const MeasuredMotion& first) {
+  const Matrix3d rotation1 =
+      first.later_from_earlier.rotation.toRotationMatrix();
+  const Matrix3d rotation2 =
+      second.later_from_earlier.rotation.toRotationMatrix();
+  const Matrix3d lever = CrossMatrix(second.later_from_earlier.Center());
+  return {second.later_from_earlier * first.later_from_earlier,
+          second.rotation_covariance +
+              rotation2 * first.rotation_covariance * rotation2.transpose(),
+          first.center_covariance +
+              rotation1.transpose() *
+                  (second.center_covariance +
+                   lever * first.rotation_covariance * lever.transpose()) *
+                  rotation1};
+}
+
 MeasuredMotion MeasuredMotion::Inverse() const {
   const Matrix3d rotation = later_from_earlier.rotation.toRotationMatrix();
   return {later_from_earlier.Inverse(),
@@ -447,13 +464,13 @@ MeasuredMotion MeasuredMotion::Inverse() const {
 }
 
 MeasuredMotion Steps::MotionOf(size_t k, const Candidate& candidate) const {
-  return candidate.MotionAfter(
-      ForwardStep(candidate, Duration(k, candidate) * noise.median_step));
+  return candidate.MotionAfter(ForwardStep(
+      candidate, Duration(k, candidate.num_steps) * noise.median_step));
 }
 
-double Steps::Duration(size_t k, const Candidate& candidate) const {
+double Steps::Duration(size_t k, size_t num_steps) const {
   double duration = 0.0;
-  for (size_t i = 0; i < candidate.num_steps; ++i) duration += durations[k - i];
+  for (size_t i = 0; i < num_steps; ++i) duration += durations[k - i];
   return duration;
 }
 
@@ -581,7 +598,7 @@ std::vector<Candidate> TryDistances(const Steps& steps, size_t k) {
     }
     const Vector3d nearest = candidate.later_from_earlier.Center();
     for (const double distance :
-         DistancesToTry(steps, steps.Duration(k, candidate))) {
+         DistancesToTry(steps, steps.Duration(k, candidate.num_steps))) {
       tried.push_back(candidate);
       tried.back().tried_center = nearest + ForwardStep(candidate, distance);
     }

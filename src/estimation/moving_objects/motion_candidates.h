@@ -29,6 +29,10 @@ struct MeasuredMotion {
   [[nodiscard]] MeasuredMotion Inverse() const;
 };
 
+// One motion after another, with independent errors.
+[[nodiscard]] MeasuredMotion Compose(const MeasuredMotion& second,
+                                     const MeasuredMotion& first);
+
 // The motion of a pose (R, t) of the later frame, or of the earlier one if it
 // is reversed, with the covariance of (w, dt): Exp(w) R, t + dt.
 [[nodiscard]] MeasuredMotion MeasuredMotionOf(
@@ -92,8 +96,8 @@ struct MotionExclusion {
 // explain as many matches, and other matches than the motions before it.
 inline constexpr double kContestingShare = 0.15;
 
-// What the matches of two frames of a sequence tell about the motion between
-// them. Several threads may call both at once.
+// The evidence about the motion between two frames of a sequence. Several
+// threads may call both functions at once.
 struct MotionEvidence {
   std::function<StepHypotheses(int earlier_frame_idx, int later_frame_idx)>
       find;
@@ -169,11 +173,12 @@ struct Steps {
 
   size_t size() const { return candidates.size(); }
 
-  double Duration(size_t k, const Candidate& candidate) const;
+  // The duration of the `num_steps` steps up to step k.
+  double Duration(size_t k, size_t num_steps) const;
   // The velocity of a candidate after a step with another one.
   Velocity VelocityAfter(const Eigen::Vector3d& linear, size_t k,
                          const Candidate& candidate) const {
-    const double duration = Duration(k, candidate);
+    const double duration = Duration(k, candidate.num_steps);
     return VelocityOf(candidate.MotionAfter(duration * linear), duration);
   }
   // The motion of a candidate. A free one takes a step of the median length.

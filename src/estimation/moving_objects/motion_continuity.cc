@@ -76,8 +76,9 @@ void RestoreMotionsByDepth(const Steps& steps, ChosenMotions* chosen) {
   for (size_t k = 0; k < chosen->size(); ++k) {
     auto& motion = (*chosen)[k];
     if (!motion || motion->is_inside || !motion->candidate.by_depth) continue;
-    motion->velocity = VelocityOf(*motion->candidate.by_depth,
-                                  steps.Duration(k, motion->candidate));
+    motion->velocity =
+        VelocityOf(*motion->candidate.by_depth,
+                   steps.Duration(k, motion->candidate.num_steps));
     for (size_t i = 1; i < motion->candidate.num_steps; ++i) {
       (*chosen)[k - i]->velocity = motion->velocity;
     }
@@ -109,7 +110,7 @@ void InterpolateDistances(const Steps& steps, ChosenMotions* chosen) {
             : 0.0;
     const Vector3d linear =
         (1.0 - weight) * first.linear + weight * last.linear;
-    const double duration = steps.Duration(k, motion->candidate);
+    const double duration = steps.Duration(k, motion->candidate.num_steps);
     const double change = TypicalChange(first, last, steps.noise).linear;
     motion->velocity =
         VelocityOf(motion->candidate.ClosestTo(duration * linear), duration);
@@ -277,11 +278,10 @@ std::vector<int> GroupFrames(const ChosenMotions& chosen, int first_group) {
   return groups;
 }
 
-// Adds the places of one sequence.
-void FollowSequence(const TemporalOrder& order,
-                    const std::vector<int>& sequence,
-                    const MotionEvidence& evidence, int num_threads,
-                    RigPath* path) {
+// Adds the places of one sequence. Returns the number of the next segment.
+int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
+                   const MotionEvidence& evidence, int num_threads,
+                   int first_stretch, RigPath* path) {
   Steps steps = MeasureSteps(order, sequence, evidence, num_threads);
   path->noise = Larger(path->noise, steps.noise);
   Decision decision = Decide(sequence, evidence, &steps);
@@ -293,10 +293,9 @@ void FollowSequence(const TemporalOrder& order,
   const auto places =
       FollowMotion(chosen, steps, decision.is_doubtful,
                    FindAmbiguous(decision.choice.margins, decision.is_doubtful),
-                   path->num_stretches);
-  path->num_stretches = places.back().stretch + 1;
-  const std::vector<int> groups = GroupFrames(chosen, path->num_groups);
-  path->num_groups = *std::max_element(groups.begin(), groups.end()) + 1;
+                   first_stretch);
+  const std::vector<int> groups = GroupFrames(
+      chosen, *std::max_element(path->group.begin(), path->group.end()) + 1);
   for (size_t k = 0; k < sequence.size(); ++k) {
     path->of_frame[sequence[k]] = places[k];
     path->group[sequence[k]] = groups[k];
@@ -309,6 +308,7 @@ void FollowSequence(const TemporalOrder& order,
     path->is_contested[sequence[k - 1]] = true;
     path->is_contested[sequence[k]] = true;
   }
+  return places.back().stretch + 1;
 }
 
 }  // namespace
@@ -346,9 +346,11 @@ RigPath FindRigPath(const TemporalOrder& order, int num_frames,
        {&path.is_contested, &path.is_interpolated, &path.is_in_long_motion}) {
     *mask = Mask(num_frames, false);
   }
+  int num_stretches = 0;
   for (const std::vector<int>& sequence : order.sequences()) {
     if (sequence.size() < 2) continue;
-    FollowSequence(order, sequence, evidence, num_threads, &path);
+    num_stretches = FollowSequence(order, sequence, evidence, num_threads,
+                                   num_stretches, &path);
   }
   return path;
 }

@@ -82,9 +82,6 @@ struct RigPath {
   std::vector<int> group;
   // Per frame: the step to it is part of a chosen motion over several steps.
   Mask is_in_long_motion;
-  // Of all sequences.
-  int num_stretches = 0;
-  int num_groups = 0;
   MotionNoise noise;  // the largest of all sequences
 
   bool IsComparable(int frame_idx1, int frame_idx2) const {

@@ -2,11 +2,8 @@
 #include "moving_objects/motion_hypotheses.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
-#include <cstdlib>
 #include <functional>
 #include <limits>
 

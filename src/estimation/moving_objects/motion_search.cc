@@ -107,8 +107,8 @@ class MotionSearch {
   double CostOfChange(const Node& node, const Velocity& velocity, size_t k,
                       const Candidate& candidate) const {
     return Loss(SquaredChange(node.velocity, velocity, steps_.noise)) +
-           CostOfDistance(candidate,
-                          steps_.Duration(k, candidate) * velocity.linear);
+           CostOfDistance(candidate, steps_.Duration(k, candidate.num_steps) *
+                                         velocity.linear);
   }
 
   static double OwnCost(const Candidate& candidate) {
@@ -121,7 +121,7 @@ class MotionSearch {
     Node best{SkipCost(0, k),
               {},
               VelocityOf(steps_.MotionOf(k, candidate),
-                         steps_.Duration(k, candidate))};
+                         steps_.Duration(k, candidate.num_steps))};
     for (size_t previous = first_before_[k];
          previous + candidate.num_steps <= k; ++previous) {
       for (size_t g = 0; g < nodes_[previous].size(); ++g) {
@@ -212,8 +212,8 @@ class MotionSearch {
                  const Candidate& candidate, const Node& node) const {
     if (AreSimilar(chosen.velocity, node.velocity)) return false;
     if (!candidate.free_direction) return true;
-    const MeasuredMotion motion =
-        mgsfm::MotionOf(chosen.velocity, steps_.Duration(k, candidate));
+    const MeasuredMotion motion = mgsfm::MotionOf(
+        chosen.velocity, steps_.Duration(k, candidate.num_steps));
     if (!AreEqualMotions(
             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
             steps_.noise, kDistinct)) {

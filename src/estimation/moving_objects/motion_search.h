@@ -11,8 +11,8 @@
 namespace mgsfm {
 
 // The most steps that have candidates but no motion, between two steps with
-// one. Bounds the cost,
-// which is linear in it. Half or twice as many change no error.
+// one. Bounds the cost, which is linear in it. Half or twice as many change no
+// error.
 inline constexpr size_t kMaxNumSkipped = 7;
 
 // Motions are different beyond this many tolerances. With 1.5 and 3, 79 and 50
@@ -28,11 +28,10 @@ inline constexpr double kDistinct = 2.0;
 // exp(-margin) is the ratio of the two probabilities. A candidate that differs
 // from the chosen motion only in its distance is no other motion if its matches
 // leave the distance open. If no motion is chosen, any motion is another one;
-// without another motion, the margin is infinite.
-// The velocity of a free distance that is not tried depends on the steps
-// before, for which the margin is an approximation. A motion over several steps
-// counts for the margin of the last one only. The steps within it cost as much
-// as steps without a motion.
+// without another motion, the margin is infinite. The velocity of a free
+// distance that is not tried depends on the steps before, for which the margin
+// is an approximation. A motion over several steps counts for the margin of the
+// last one only. The steps within it cost as much as steps without a motion.
 //
 // Cost: the product of the numbers of candidates of two steps, for each step
 // and each step within kMaxNumSkipped before, once for the choice and once for

@@ -40,7 +40,7 @@ struct MotionOfScene {
 // Decides for neighbors in a sequence which matches show the static scene:
 //
 //   depths      of keypoints by pairs within frames (frame_depths.h)
-//   motions     of the rig between consecutive frames that the matches support
+//   motions     of the rig between frames that the matches support
 //               (motion_hypotheses.h)
 //   path        the smoothest choice (moving_objects/motion_continuity.h)
 //   pairs       of neighbors (pair_filtering/frame_pair_index.h), where

@@ -596,36 +596,5 @@ TEST(MotionContinuityTest, MotionsAreSimilarUpToTheirTolerances) {
   EXPECT_TRUE(path.AreSimilar(forward(0.0, 0.0), forward(0.03, 0.0)));
 }
 
-// Finite differences of the motion of a pose, or of its inverse.
-TEST(MeasuredMotionTest, CovariancesFollowTheMotion) {
-  const Rigid3 pose{ExpSO3({0.3, -0.2, 0.5}), {1.0, -2.0, 0.7}};
-  for (const bool is_reversed : {false, true}) {
-    const auto motion_of = [&](const Rigid3& p) {
-      return is_reversed ? p.Inverse() : p;
-    };
-    const Rigid3 motion = motion_of(pose);
-    for (int k = 0; k < 6; ++k) {
-      constexpr double kStep = 1e-6;
-      Eigen::Matrix<double, 6, 1> step = Eigen::Matrix<double, 6, 1>::Zero();
-      step[k] = kStep;
-      const Rigid3 moved = motion_of({ExpSO3(step.head<3>()) * pose.rotation,
-                                      pose.translation + step.tail<3>()});
-      const Vector3d turn =
-          LogSO3(moved.rotation * motion.rotation.conjugate()) / kStep;
-      const Vector3d shift = (moved.Center() - motion.Center()) / kStep;
-      Eigen::Matrix<double, 6, 6> covariance =
-          Eigen::Matrix<double, 6, 6>::Zero();
-      covariance(k, k) = 1.0;
-      const MeasuredMotion measured =
-          MeasuredMotionOf(pose, covariance, is_reversed);
-      EXPECT_TRUE(measured.rotation_covariance.isApprox(turn * turn.transpose(),
-                                                        1e-4) ||
-                  turn.isZero(1e-6));
-      EXPECT_LT((measured.center_covariance - shift * shift.transpose()).norm(),
-                1e-4);
-    }
-  }
-}
-
 }  // namespace
 }  // namespace mgsfm
