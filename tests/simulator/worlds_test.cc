@@ -88,6 +88,33 @@ std::vector<WorldPreset> AllWorlds() {
 
 INSTANTIATE_TEST_SUITE_P(All, WorldsTest, testing::ValuesIn(AllWorlds()));
 
+TEST(WorldPlanTest, NoRigMovesThroughABox) {
+  for (const WorldPreset world : AllWorlds()) {
+    // The pictures of a square are taken at random places.
+    if (world == WorldPreset::kSquare) continue;
+    for (uint64_t seed = 0; seed < 20; ++seed) {
+      const WorldPlan plan = PlanWorld(world, seed);
+      for (const auto& [begin_s, end_s] : plan.sessions_s) {
+        for (double time_s = begin_s; time_s < end_s; time_s += 0.1) {
+          for (const Path& world_from_rig : plan.world_from_rigs) {
+            const Eigen::Vector3d rig_in_world =
+                world_from_rig(time_s).translation;
+            for (const TexturedBox& box : plan.boxes) {
+              const Eigen::Vector3d rig_in_box =
+                  box.world_from_box.Inverse() * rig_in_world;
+              EXPECT_FALSE(
+                  (rig_in_box.cwiseAbs().array() < box.half_size_m.array())
+                      .all())
+                  << EnumName(world) << ", seed " << seed << ", " << time_s
+                  << " s, box " << box.look;
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
 TEST(WorldPlanTest, HullKeepsItsRays) {
   const WorldPlan plan = PlanWorld(WorldPreset::kTrain, 0);
   ASSERT_FALSE(plan.bodies.empty());

@@ -286,8 +286,8 @@ class Planner {
     Facades(-30, 520, 9);
     Go(28.0, [](double t) {
       const double way = 8.0 * t + 0.12 * t * t;
-      return At(way, 12.0 * (1.0 - std::cos(way / 90.0)), 2.8,
-                RadToDeg(std::atan(12.0 / 90.0 * std::sin(way / 90.0))));
+      return At(way, -6.0 * std::cos(way / 90.0), 2.8,
+                RadToDeg(std::atan(6.0 / 90.0 * std::sin(way / 90.0))));
     });
     Hull({{{0.3, 0.75, 1.6}, {2.6, 0.4, 0.5}},
           {{-0.75, 0.0, 1.5}, {0.12, 1.4, 0.1}},
@@ -363,7 +363,8 @@ class Planner {
         28.0,
         [](double t) {
           const double angle = t / 20.0;
-          return At(80.0 * std::sin(angle), 80.0 * (1.0 - std::cos(angle)), 9.0,
+          return At(80.0 * std::sin(angle) - 40.0,
+                    80.0 * (1.0 - std::cos(angle)) - 30.0, 9.0,
                     RadToDeg(angle));
         },
         0.2, 2.0, 0.3);
