@@ -75,6 +75,7 @@ inline void ExpectSamePairs(const DatabaseContents& a,
     ExpectSamePose(a.pairs[i].cam2_from_cam1.value(),
                    b.pairs[i].cam2_from_cam1.value());
     ExpectSameMatches(a.pairs[i].matches, b.pairs[i].matches);
+    ExpectSameMatches(a.pairs[i].outliers, b.pairs[i].outliers);
   }
 }
 

@@ -54,6 +54,34 @@ TEST_F(DatabaseTest, ReadsWhatWasWritten) {
   }
 }
 
+TEST_F(DatabaseTest, OutliersAreTheOtherMatches) {
+  DatabaseContents written = ContentsWithRig();
+  for (TwoViewGeometryRow& pair : written.pairs) {
+    ASSERT_GE(pair.matches.size(), 5u);
+    pair.outliers = {pair.matches[4], pair.matches[0]};
+    pair.matches.erase(pair.matches.begin() + 4);
+    pair.matches.erase(pair.matches.begin());
+  }
+  WriteDatabase(Path(), written, DatabaseSchema::k312);
+  ExpectSamePairs(Read(), written);
+  // Verified pairs without raw matches, and the opposite.
+  Execute(
+      "DELETE FROM matches WHERE pair_id = (SELECT MIN(pair_id) FROM matches);"
+      "UPDATE two_view_geometries SET rows = 0, data = NULL WHERE pair_id = "
+      "(SELECT MAX(pair_id) FROM matches)");
+  const DatabaseContents read = Read();
+  for (TwoViewGeometryRow* pair :
+       {&written.pairs.front(), &written.pairs.back()}) {
+    pair->outliers.clear();
+  }
+  written.pairs.back().matches.clear();
+  ExpectSamePairs(read, written);
+  Execute("DROP TABLE matches");
+  for (const TwoViewGeometryRow& pair : Read().pairs) {
+    EXPECT_TRUE(pair.outliers.empty());
+  }
+}
+
 TEST_F(DatabaseTest, ThreadsDoNotMatter) {
   Write();
   const DatabaseContents one = Read();
@@ -230,6 +258,11 @@ INSTANTIATE_TEST_SUITE_P(
         Damage{"UPDATE two_view_geometries SET rows = 1, "
                "data = x'0000000014000000' WHERE pair_id = 2147483647*3 + 4",
                {"3 'cam1/0.png'", "4 'cam1/1.png'", "does not exist"}},
+        Damage{"UPDATE matches SET rows = 1, "
+               "data = x'0000000014000000' WHERE pair_id = 2147483647*3 + 4",
+               {"3 'cam1/0.png'", "4 'cam1/1.png'", "does not exist"}},
+        Damage{"UPDATE matches SET data = zeroblob(9)",
+               {"1 'cam0/0.png'", "2 'cam0/1.png'", "9 bytes"}},
         Damage{"UPDATE two_view_geometries SET E = zeroblob(64)",
                {"E of", "64 bytes"}},
         Damage{"UPDATE two_view_geometries SET qvec = NULL",

@@ -125,5 +125,26 @@ TEST(PedestriansTest, PointsOfFewFramesDoNotBendThePath) {
   EXPECT_LT(difference.max_position, 0.25);
 }
 
+// The wheelhouse decides the verification of nearly all pairs: it has four
+// times as many matches as the scenery, which is among the outliers. What is
+// found of it first exposes the scenery, the turns of the ship, and then the
+// rest.
+TEST(WheelhouseTest, TheSceneryBehindItsWindowsIsMapped) {
+  SimulationOptions options =
+      WorldSimulation(WorldPreset::kBridge, NoiseLevel::kMedium);
+  options.frame_rate_hz = 3.0;
+  options.random_seed = 2;
+  const Simulation simulation = Simulate(options);
+  const MapperResult result = Map(simulation, {}, 2);
+  EXPECT_FALSE(result.fixed_regions.empty());
+  ASSERT_EQ(result.models.size(), 1u);
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.models[0].reconstruction,
+                    simulation.ground_truth);
+  EXPECT_EQ(difference.num_images,
+            static_cast<int>(simulation.scene.images.size()));
+  EXPECT_LT(difference.max_position, 0.5);  // on a way of 110 m
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -150,7 +150,7 @@ TEST(HardPresetsTest, PairsFollowTheDominantMotion) {
         PixelsPerRadian(CameraModelId::kPinhole,
                         simulation.scene.cameras[0].params.data());
     int num_follow_world = 0;
-    for (const Match& match : simulation.raw_matches[i]) {
+    for (const Match& match : AllMatches(pair)) {
       num_follow_world +=
           std::abs(SampsonAngle(
               truth, bearings.Ray(pair.image_idx1, match.keypoint_idx1),

@@ -140,12 +140,13 @@ TEST(HardshipsTest, OneKindOfWrongMatchesLeavesTheOtherAlone) {
   size_t num_true = 0;
   for (size_t i = 0; i < with.pair_kinds.size(); ++i) {
     if (with.pair_kinds[i] != PairKind::kTrue) continue;
-    ASSERT_LT(num_true, without.raw_matches.size());
+    ASSERT_LT(num_true, without.view_graph.pairs.size());
     EXPECT_TRUE(
-        HaveEqualMatches(with.raw_matches[i], without.raw_matches[num_true]));
+        HaveEqualMatches(AllMatches(with.view_graph.pairs[i]),
+                         AllMatches(without.view_graph.pairs[num_true])));
     ++num_true;
   }
-  EXPECT_EQ(num_true, without.raw_matches.size());
+  EXPECT_EQ(num_true, without.view_graph.pairs.size());
 }
 
 // The distances of all keypoints from their true place.
@@ -213,9 +214,9 @@ TEST(HardshipsTest, FewMismatchesPassVerificationAndEpipolarOutliersDo) {
         return PointOf(simulation, pair.image_idx1, match.keypoint_idx1) !=
                PointOf(simulation, pair.image_idx2, match.keypoint_idx2);
       };
-      num_raw += simulation.raw_matches[i].size();
-      num_wrong_raw += std::count_if(simulation.raw_matches[i].begin(),
-                                     simulation.raw_matches[i].end(), is_wrong);
+      const std::vector<Match> raw = AllMatches(pair);
+      num_raw += raw.size();
+      num_wrong_raw += std::count_if(raw.begin(), raw.end(), is_wrong);
       num += pair.matches.size();
       num_wrong +=
           std::count_if(pair.matches.begin(), pair.matches.end(), is_wrong);

@@ -55,7 +55,7 @@ WrongShares FindWrongShares(const Simulation& simulation) {
       shares.to_another_point += point1 >= 0 && is_wrong ? 1.0 : 0.0;
       num_matches += 1.0;
     }
-    for (const Match& match : simulation.raw_matches[i]) {
+    for (const Match& match : AllMatches(pair)) {
       const bool is_wrong =
           points1[match.keypoint_idx1] != points2[match.keypoint_idx2];
       shares.raw_to_another_point += is_wrong ? 1.0 : 0.0;

@@ -39,6 +39,7 @@ struct TwoViewGeometryRow {
   std::optional<Eigen::Matrix3d> F = {}, E = {}, H = {};
   std::optional<Rigid3> cam2_from_cam1 = {};
   std::vector<Match> matches = {};
+  std::vector<Match> outliers = {};  // of the table `matches`
 };
 
 // The same row without the geometry, which takes 300 bytes.
@@ -126,8 +127,8 @@ enum class DatabaseSchema {
 };
 
 // Writes a new database that this and every later version of COLMAP opens.
-// Matches are written both as raw and as verified matches; there are no
-// descriptors. Throws Error if the file exists; a failure leaves no file.
+// The table `matches` also has the outliers; there are no descriptors. Throws
+// Error if the file exists; a failure leaves no file.
 void WriteDatabase(const std::string& path, const DatabaseContents& contents,
                    DatabaseSchema schema);
 

@@ -66,9 +66,7 @@ struct Simulation {
   // the same point.
   std::vector<std::vector<int>> keypoint_points;
   std::vector<Eigen::Vector3d> world_points;
-  // Per pair of the view graph.
-  std::vector<PairKind> pair_kinds;
-  std::vector<std::vector<Match>> raw_matches;  // before verification
+  std::vector<PairKind> pair_kinds;  // per pair of the view graph
 };
 
 // Deterministic for given options and input, independent of

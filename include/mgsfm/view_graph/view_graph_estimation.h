@@ -49,6 +49,9 @@ struct ViewGraphSummary {
   size_t num_matches = 0;      // of all input pairs
   size_t num_inliers = 0;      // of the kept pairs
 
+  // Adds a second verification of pairs that the first one dropped.
+  void AddSecond(const ViewGraphSummary& second);
+
   auto Fields() const {
     return Named("num_pairs", num_pairs, "num_matches", num_matches,
                  "num_inliers", num_inliers, "kept",

@@ -277,6 +277,23 @@ bool FixedRegions::Any() const {
   return AnyOf(of_sensor, [](const Mask& cells) { return !cells.empty(); });
 }
 
+bool FixedRegions::Add(const FixedRegions& others) {
+  of_sensor.resize(others.of_sensor.size());
+  bool are_new = false;
+  for (size_t s = 0; s < of_sensor.size(); ++s) {
+    if (others.of_sensor[s].empty()) continue;
+    if (of_sensor[s].empty()) {
+      of_sensor[s] = Mask(others.of_sensor[s].size(), false);
+    }
+    for (size_t c = 0; c < of_sensor[s].size(); ++c) {
+      if (of_sensor[s][c] || !others.of_sensor[s][c]) continue;
+      of_sensor[s][c] = true;
+      are_new = true;
+    }
+  }
+  return are_new;
+}
+
 FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
                               const FramePairIndex& index,
                               const ViewGraph& view_graph,
@@ -306,21 +323,21 @@ FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
 }
 
 ViewGraph DropFixedRegions(const Scene& scene, const FixedRegions& regions,
-                           const ViewGraph& view_graph,
-                           const Context& context) {
+                           const ViewGraph& view_graph) {
   ViewGraph visible = view_graph;
-  size_t num_dropped = 0;
   for (ImagePair& pair : visible.pairs) {
-    const auto is_fixed = [&](const Match& match) {
-      return regions.Contains(scene, pair.image_idx1, match.keypoint_idx1) ||
-             regions.Contains(scene, pair.image_idx2, match.keypoint_idx2);
-    };
-    const auto end =
-        std::remove_if(pair.matches.begin(), pair.matches.end(), is_fixed);
-    num_dropped += static_cast<size_t>(pair.matches.end() - end);
-    pair.matches.erase(end, pair.matches.end());
+    for (auto* matches : {&pair.matches, &pair.outliers}) {
+      EraseIf(matches, [&](const Match& match) {
+        return regions.Contains(scene, pair.image_idx1, match.keypoint_idx1) ||
+               regions.Contains(scene, pair.image_idx2, match.keypoint_idx2);
+      });
+    }
   }
-  if (num_dropped == 0) return visible;
+  return visible;
+}
+
+void LogFixedRegions(const Scene& scene, const FixedRegions& regions,
+                     const Context& context) {
   for (size_t s = 0; s < scene.sensors.size(); ++s) {
     const double fraction = regions.FractionOf(static_cast<int>(s));
     if (fraction == 0.0) continue;
@@ -329,11 +346,9 @@ ViewGraph DropFixedRegions(const Scene& scene, const FixedRegions& regions,
                            "along with the rig",
                            100.0 * fraction));
   }
-  context.Info(std::to_string(num_dropped) +
-               " matches of objects that move along with the rig are not "
-               "used; fixed_region_mask_path writes masks of "
-               "these regions");
-  return visible;
+  context.Info(
+      "matches of objects that move along with the rig are not used; "
+      "fixed_region_mask_path writes masks of these regions");
 }
 
 }  // namespace mgsfm

@@ -33,6 +33,10 @@ namespace mgsfm {
 // which excludes vehicles that stay at a constant distance for only part of the
 // recording.
 //
+// Found regions expose the scenery: pairs that the object won are verified anew
+// without them, show that the rig turns, and reveal further cells. The caller
+// repeats the search until it adds none.
+//
 // Limits. If nothing else is visible, nothing is found. Without cameras that
 // overlap, the rig must turn.
 struct FixedRegions {
@@ -44,6 +48,8 @@ struct FixedRegions {
 
   bool Contains(const Scene& scene, int image_idx, size_t keypoint_idx) const;
   bool Any() const;
+  // Adds the cells of others. Returns whether any is new.
+  bool Add(const FixedRegions& others);
   // The fraction of the image of a sensor.
   double FractionOf(int sensor_idx) const;
 };
@@ -56,11 +62,13 @@ struct FixedRegions {
                                             const ViewGraph& view_graph,
                                             double max_error_px);
 
-// The view graph without matches of keypoints in fixed regions. Logs the fixed
-// fraction of the images of each sensor.
+// The view graph without matches of keypoints in fixed regions.
 [[nodiscard]] ViewGraph DropFixedRegions(const Scene& scene,
                                          const FixedRegions& regions,
-                                         const ViewGraph& view_graph,
-                                         const Context& context);
+                                         const ViewGraph& view_graph);
+
+// Logs the fixed fraction of the images of each sensor.
+void LogFixedRegions(const Scene& scene, const FixedRegions& regions,
+                     const Context& context);
 
 }  // namespace mgsfm

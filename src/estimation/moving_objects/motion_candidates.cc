@@ -490,17 +490,39 @@ MeasuredMotion MotionOf(const Velocity& velocity, double duration) {
           squared_duration * velocity.linear_covariance};
 }
 
+namespace {
+
+// The tolerances of centers at this distance and of rotations that agree,
+// without the errors of their measurement.
+double CenterTolerance(double distance, const MotionNoise& noise) {
+  return std::max(kRelativeTolerance, kNumSigmas * noise.relative_center) *
+             distance +
+         kMinTolerance * noise.median_step;
+}
+double AngleTolerance_rad(const MotionNoise& noise) {
+  return std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
+}
+
+}  // namespace
+
+bool IsCertain(const MeasuredMotion& motion, const MotionNoise& noise) {
+  const auto is_within = [](const Matrix3d& covariance, double bound) {
+    return kNumSigmas * kNumSigmas * covariance.trace() <= 3.0 * bound * bound;
+  };
+  return is_within(motion.center_covariance,
+                   CenterTolerance(motion.later_from_earlier.Center().norm(),
+                                   noise)) &&
+         is_within(motion.rotation_covariance, AngleTolerance_rad(noise));
+}
+
 bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
                      const MotionNoise& noise, double factor) {
   const MotionDifference difference = DifferenceOf(a, b);
-  const double relative =
-      std::max(kRelativeTolerance, kNumSigmas * noise.relative_center);
   const double tolerance =
-      relative * std::max(a.later_from_earlier.Center().norm(),
-                          b.later_from_earlier.Center().norm()) +
-      kMinTolerance * noise.median_step;
-  const double tolerance_rad =
-      std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
+      CenterTolerance(std::max(a.later_from_earlier.Center().norm(),
+                               b.later_from_earlier.Center().norm()),
+                      noise);
+  const double tolerance_rad = AngleTolerance_rad(noise);
   const auto is_within = [factor](const Vector3d& error,
                                   const Matrix3d& covariance, double bound) {
     return error.squaredNorm() <=

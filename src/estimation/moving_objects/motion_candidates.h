@@ -117,6 +117,10 @@ struct Velocity {
 Velocity VelocityOf(const MeasuredMotion& motion, double duration);
 MeasuredMotion MotionOf(const Velocity& velocity, double duration);
 
+// Whether the errors of a measurement are within the tolerance of motions that
+// agree.
+bool IsCertain(const MeasuredMotion& motion, const MotionNoise& noise);
+
 // Whether two motions are equal, up to `factor` times the tolerance, which
 // includes both variances along their difference.
 bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,

@@ -72,10 +72,15 @@ Mask FindAmbiguous(const std::vector<double>& margins,
 
 // Restores motions by depth whose rotation and direction were replaced by those
 // of image pairs for the search, because pairs next to vehicles are biased.
+// Depths that determine the motion less than the tolerance of agreement do not
+// show a bias.
 void RestoreMotionsByDepth(const Steps& steps, ChosenMotions* chosen) {
   for (size_t k = 0; k < chosen->size(); ++k) {
     auto& motion = (*chosen)[k];
-    if (!motion || motion->is_inside || !motion->candidate.by_depth) continue;
+    if (!motion || motion->is_inside || !motion->candidate.by_depth ||
+        !IsCertain(*motion->candidate.by_depth, steps.noise)) {
+      continue;
+    }
     motion->velocity =
         VelocityOf(*motion->candidate.by_depth,
                    steps.Duration(k, motion->candidate.num_steps));
@@ -211,38 +216,16 @@ Steps MeasureSteps(const TemporalOrder& order, const std::vector<int>& sequence,
 // The choice of motions, and where it is in doubt.
 struct Decision {
   MotionChoice choice;
-  // Per step.
-  Mask is_doubtful;
-  Mask is_contested;
+  Mask is_doubtful;  // per step
 };
-
-// The steps whose hypotheses disagree, or whose strongest one is not the
-// choice.
-Mask FindContested(const Steps& steps, const Mask& has_rivals,
-                   const std::vector<std::optional<Candidate>>& strongest,
-                   const Decision& decision) {
-  Mask is_contested = has_rivals;
-  for (size_t k = 0; k < steps.size(); ++k) {
-    if (is_contested[k] || !decision.is_doubtful[k] || !strongest[k]) continue;
-    const auto& chosen = decision.choice.motions[k];
-    is_contested[k] =
-        !chosen || IsOtherMotion(*strongest[k],
-                                 MotionOf(chosen->velocity, steps.durations[k]),
-                                 steps.noise, kDistinct);
-  }
-  return is_contested;
-}
 
 // Chooses among the hypotheses of single steps, then fills gaps by motions over
 // several steps.
 Decision Decide(const std::vector<int>& sequence,
                 const MotionEvidence& evidence, Steps* steps) {
   Mask has_rivals(steps->size(), false);
-  std::vector<std::optional<Candidate>> strongest(steps->size());
   for (size_t k = 0; k < steps->size(); ++k) {
     has_rivals[k] = HasRivals(*steps, k);
-    const Candidate* candidate = Strongest(steps->candidates[k]);
-    if (candidate != nullptr) strongest[k] = *candidate;
   }
   Decision decision;
   decision.is_doubtful = FindDoubtful(has_rivals);
@@ -259,8 +242,6 @@ Decision Decide(const std::vector<int>& sequence,
                      decision.is_doubtful, steps)) {
     choose();
   }
-  decision.is_contested =
-      FindContested(*steps, has_rivals, strongest, decision);
   return decision;
 }
 
@@ -304,9 +285,9 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
     path->is_interpolated[sequence[k]] = !step || !step->HasDistance();
     path->is_in_long_motion[sequence[k]] =
         step && step->candidate.num_steps > 1;
-    if (!decision.is_contested[k - 1]) continue;
-    path->is_contested[sequence[k - 1]] = true;
-    path->is_contested[sequence[k]] = true;
+    if (!decision.is_doubtful[k - 1]) continue;
+    path->is_doubtful[sequence[k - 1]] = true;
+    path->is_doubtful[sequence[k]] = true;
   }
   return places.back().stretch + 1;
 }
@@ -343,7 +324,7 @@ RigPath FindRigPath(const TemporalOrder& order, int num_frames,
   path.of_frame.resize(num_frames);
   path.group.resize(num_frames, -1);
   for (Mask* mask :
-       {&path.is_contested, &path.is_interpolated, &path.is_in_long_motion}) {
+       {&path.is_doubtful, &path.is_interpolated, &path.is_in_long_motion}) {
     *mask = Mask(num_frames, false);
   }
   int num_stretches = 0;

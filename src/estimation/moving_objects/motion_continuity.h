@@ -71,9 +71,9 @@ struct RigPath {
     void Move(const MeasuredMotion& step);
   };
   std::vector<std::optional<Place>> of_frame;
-  // Per frame: whether hypotheses disagree about a step from or to it, or with
-  // the choice.
-  Mask is_contested;
+  // Per frame: whether hypotheses disagree about a step from or to it, or about
+  // one within seven steps.
+  Mask is_doubtful;
   // Per frame: the step to it has no hypothesis that was chosen, or one without
   // a distance.
   Mask is_interpolated;

@@ -223,14 +223,16 @@ MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
                                pose,
                                tolerance_rad) != MatchVerdict::kContradicts;
     };
-    for (const Match& match : pair.matches) {
-      const bool has_depth =
-          problem.depths.IsKnown(pair.image_idx1,
-                                 static_cast<int>(match.keypoint_idx1)) ||
-          problem.depths.IsKnown(pair.image_idx2,
-                                 static_cast<int>(match.keypoint_idx2));
-      (has_depth ? with_depth : without_depth)
-          .Add(agrees(match, *pose1), agrees(match, *pose2));
+    for (const auto* matches : {&pair.matches, &pair.outliers}) {
+      for (const Match& match : *matches) {
+        const bool has_depth =
+            problem.depths.IsKnown(pair.image_idx1,
+                                   static_cast<int>(match.keypoint_idx1)) ||
+            problem.depths.IsKnown(pair.image_idx2,
+                                   static_cast<int>(match.keypoint_idx2));
+        (has_depth ? with_depth : without_depth)
+            .Add(agrees(match, *pose1), agrees(match, *pose2));
+      }
     }
   }
   return {std::max(with_depth.Exclusion(), without_depth.Exclusion()),

@@ -37,12 +37,13 @@ constexpr int kMinNumPredicted = 8;
 // A smaller fraction of contradicting matches does not bias a relative pose.
 constexpr double kMaxContradicting = 0.1;
 
-// A pair next to an object.
-bool IsContested(const MotionProblem& problem, const RigPath& path,
-                 size_t pair_idx) {
+// A pair of a frame about whose motion hypotheses disagree, or near such
+// frames.
+bool IsDoubtful(const MotionProblem& problem, const RigPath& path,
+                size_t pair_idx) {
   const FramePair& frames = problem.index.Of(pair_idx);
-  return path.is_contested[frames.frame_idx1] ||
-         path.is_contested[frames.frame_idx2];
+  return path.is_doubtful[frames.frame_idx1] ||
+         path.is_doubtful[frames.frame_idx2];
 }
 
 // Per pair of frames, the motion from frame 1 to frame 2; nullopt unless the
@@ -65,7 +66,7 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
     const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
     if (is_reversed) std::swap(earlier, later);
     std::optional<MeasuredMotion> refined;
-    if (path.is_contested[earlier] || path.is_contested[later]) {
+    if (path.is_doubtful[earlier] || path.is_doubtful[later]) {
       refined = RefineMotion(problem, path, earlier, later);
     }
     if (!refined && path.group[earlier] != path.group[later]) return;
@@ -94,14 +95,15 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
   return expected;
 }
 
-// The pair of the same images before verification.
+// The pair of the same images with all matches.
 const ImagePair& SourceOf(const MotionProblem& problem, const ImagePair& pair) {
   return *FindPair(problem.matches, pair.image_idx1, pair.image_idx2);
 }
 
 // Keypoints on moving objects: most of their matches contradict the expected
 // poses of pairs. Most keypoints of an object have no depth in their own frame,
-// but a match with a keypoint that has one.
+// but a match with a keypoint that has one. An outlier of verification that
+// contradicts may be a mismatch and does not count.
 class MovingKeypoints {
  public:
   MovingKeypoints(const MotionProblem& problem,
@@ -127,14 +129,23 @@ class MovingKeypoints {
       balance_[image_idx].resize(
           problem.scene.images[image_idx].keypoints_px.size(), 0);
     }
-    for (const Match& match : SourceOf(problem, pair).matches) {
-      const MatchVerdict verdict =
-          CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                            expected.cam2_from_cam1, tolerance_rad);
-      if (verdict == MatchVerdict::kIsOnEpipolarLine) continue;
-      const int change = verdict == MatchVerdict::kAgrees ? -1 : 1;
+    const auto count = [&](const Match& match, MatchVerdict counted,
+                           int change) {
+      if (CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                            expected.cam2_from_cam1,
+                            tolerance_rad) != counted) {
+        return;
+      }
       balance_[pair.image_idx1][match.keypoint_idx1] += change;
       balance_[pair.image_idx2][match.keypoint_idx2] += change;
+    };
+    const ImagePair& source = SourceOf(problem, pair);
+    for (const Match& match : source.matches) {
+      count(match, MatchVerdict::kAgrees, -1);
+      count(match, MatchVerdict::kContradicts, 1);
+    }
+    for (const Match& match : source.outliers) {
+      count(match, MatchVerdict::kAgrees, -1);
     }
   }
 
@@ -148,13 +159,15 @@ std::vector<Match> AgreeingMatches(const MotionProblem& problem,
                                    const ImagePair& pair) {
   const double tolerance_rad = ToleranceOf(problem, expected);
   std::vector<Match> agreeing;
-  for (const Match& match : pair.matches) {
-    if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
-        !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&
-        CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                          expected.cam2_from_cam1,
-                          tolerance_rad) != MatchVerdict::kContradicts) {
-      agreeing.push_back(match);
+  for (const auto* matches : {&pair.matches, &pair.outliers}) {
+    for (const Match& match : *matches) {
+      if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
+          !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&
+          CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                            expected.cam2_from_cam1,
+                            tolerance_rad) != MatchVerdict::kContradicts) {
+        agreeing.push_back(match);
+      }
     }
   }
   return agreeing;
@@ -226,7 +239,7 @@ std::vector<ExpectedPair> SelectDoubtful(
     const std::vector<ExpectedPair>& expected) {
   std::vector<ExpectedPair> near;
   for (const ExpectedPair& e : expected) {
-    if (IsContested(problem, path, e.pair_idx)) near.push_back(e);
+    if (IsDoubtful(problem, path, e.pair_idx)) near.push_back(e);
   }
   const MovingKeypoints moving(problem, near);
   std::vector<ExpectedPair> doubtful;
@@ -315,7 +328,7 @@ void RejectObjects(const MotionProblem& problem, const RigPath& path,
   for (const ExpectedPair& e : expected) is_expected[e.pair_idx] = true;
   for (size_t i = 0; i < is_expected.size(); ++i) {
     if (is_expected[i] || !problem.index.Of(i).IsBetweenFrames() ||
-        !IsContested(problem, path, i)) {
+        !IsDoubtful(problem, path, i)) {
       continue;
     }
     const ImagePair& pair = problem.view_graph.pairs[i];
@@ -358,7 +371,7 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
                               problem.index.Of(i).frame_idx1, {});
   }
   for (const ExpectedPair& e : expected) {
-    if (IsContested(problem, path, e.pair_idx) && HasLength(e)) {
+    if (IsDoubtful(problem, path, e.pair_idx) && HasLength(e)) {
       poses[e.pair_idx] = e.cam2_from_cam1;
     }
   }
@@ -370,7 +383,7 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
 MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                              const ViewGraphOptions& verification,
                              const Context& context) {
-  if (!path.is_contested.Any()) return {};
+  if (!path.is_doubtful.Any()) return {};
   const std::vector<ExpectedPair> expected =
       ExpectPairs(problem, path, context);
   const size_t num_pairs = problem.view_graph.pairs.size();
@@ -402,13 +415,13 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
 MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
                            const BaselineLengths& lengths,
                            const Context& context) {
-  if (!path.is_contested.Any()) return {};
+  if (!path.is_doubtful.Any()) return {};
   Mask is_discontinuous(lengths.size(), false);
   for (const ExpectedPair& e : ExpectPairs(problem, path, context)) {
     const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
     const auto& length = lengths[e.pair_idx];
     is_discontinuous[e.pair_idx] =
-        length && IsContested(problem, path, e.pair_idx) &&
+        length && IsDoubtful(problem, path, e.pair_idx) &&
         problem.scene.images[pair.image_idx1].sensor_idx ==
             problem.scene.images[pair.image_idx2].sensor_idx &&
         !AgreesWithPath(problem, path, pair, e, length);

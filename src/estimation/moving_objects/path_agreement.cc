@@ -211,7 +211,7 @@ RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
       std::optional<MeasuredMotion> step;
       if (path.is_interpolated[b] ||
           (!path.is_in_long_motion[b] &&
-           (path.is_contested[a] || path.is_contested[b]))) {
+           (path.is_doubtful[a] || path.is_doubtful[b]))) {
         step = RefineMotion(problem, path, a, b);
       }
       if (step && refined.group[a] != refined.group[b]) {

@@ -54,7 +54,7 @@ struct ExpectedPair {
 [[nodiscard]] std::optional<MeasuredMotion> RefineMotion(
     const MotionProblem& problem, const RigPath& path, int earlier, int later);
 
-// Refines the steps that are interpolated, or contested and not part of a
+// Refines the steps that are interpolated, or doubtful and not part of a
 // measured motion over several steps. Matches that agree with a refined step
 // measure it.
 [[nodiscard]] RigPath RefinePath(const MotionProblem& problem,

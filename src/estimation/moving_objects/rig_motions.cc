@@ -47,6 +47,7 @@ const double kLogDepthTolerance = std::log(1.5);
 // The points of the keypoints of image 1 of a pair and their rays in image 2,
 // or vice versa.
 CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
+                               const std::vector<Match>& matches,
                                bool is_reversed, double max_error_px) {
   const Scene& scene = input.scene;
   const FrameDepths& depths = input.depths;
@@ -60,7 +61,7 @@ CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
   points.cam_from_unit = *cam_from_rig;
   points.max_error_rad = ErrorRad(scene, to, max_error_px);
   const Rigid3 rig_from_source = source_from_rig->Inverse();
-  for (const Match& match : pair.matches) {
+  for (const Match& match : matches) {
     int source = static_cast<int>(match.keypoint_idx1);
     int target = static_cast<int>(match.keypoint_idx2);
     if (is_reversed) std::swap(source, target);
@@ -83,10 +84,16 @@ size_t CountRays(const std::vector<CameraPoints>& cameras) {
   return num_rays;
 }
 
-// The points of one frame and their rays in the other one.
+// The points of one frame and their rays in the other one, first those of
+// verified matches.
 struct Correspondences {
   std::vector<CameraPoints> cameras;
   bool has_later_points = false;
+  size_t num_verified_cameras = 0;
+
+  std::vector<CameraPoints> Verified() const {
+    return {cameras.begin(), cameras.begin() + num_verified_cameras};
+  }
 
   // The pose determined by correspondences is the pose of the other frame.
   Rigid3 ToMotion(const Rigid3& pose) const {
@@ -97,15 +104,21 @@ struct Correspondences {
 Correspondences Collect(const FrameMatches& input, bool has_later_points,
                         double max_error_px) {
   Correspondences collected{{}, has_later_points};
-  for (const size_t i : input.pair_idxs) {
-    const ImagePair& pair = input.view_graph.pairs[i];
-    const bool is_first_earlier =
-        input.scene.images[pair.image_idx1].frame_idx ==
-        input.earlier_frame_idx;
-    CameraPoints points = CorrespondencesOf(
-        input, pair, is_first_earlier == has_later_points, max_error_px);
-    if (points.size() > 0) collected.cameras.push_back(std::move(points));
-  }
+  const auto collect = [&](std::vector<Match> ImagePair::*matches) {
+    for (const size_t i : input.pair_idxs) {
+      const ImagePair& pair = input.view_graph.pairs[i];
+      const bool is_first_earlier =
+          input.scene.images[pair.image_idx1].frame_idx ==
+          input.earlier_frame_idx;
+      CameraPoints points =
+          CorrespondencesOf(input, pair, pair.*matches,
+                            is_first_earlier == has_later_points, max_error_px);
+      if (points.size() > 0) collected.cameras.push_back(std::move(points));
+    }
+  };
+  collect(&ImagePair::matches);
+  collected.num_verified_cameras = collected.cameras.size();
+  collect(&ImagePair::outliers);
   return collected;
 }
 
@@ -156,17 +169,44 @@ double MedianDistance(const std::vector<Vector3d>& points,
       points, [&](const Vector3d& point) { return (point - center).norm(); }));
 }
 
+// Per motion, the errors of all correspondences.
+using MotionErrors = std::vector<std::vector<double>>;
+
+// The shares count correspondences of verified matches, and those outliers of
+// verification that agree with any motion: others are mismatches.
+void CountShares(const Correspondences& all, const MotionErrors& errors,
+                 StepHypotheses* motions) {
+  const size_t num_all = CountRays(all.cameras);
+  std::vector<size_t> num_agreeing(motions->size(), 0);
+  std::vector<size_t> num_own(motions->size(), 0);
+  const size_t num_verified = CountRays(all.Verified());
+  size_t num_explained = num_verified;
+  for (size_t k = 0; k < num_all; ++k) {
+    bool is_explained = false;
+    for (size_t h = 0; h < motions->size(); ++h) {
+      if (errors[h][k] > 1.0) continue;
+      ++num_agreeing[h];
+      num_own[h] += is_explained ? 0 : 1;
+      is_explained = true;
+    }
+    num_explained += is_explained && k >= num_verified ? 1 : 0;
+  }
+  const auto share = [num_explained](size_t number) {
+    return static_cast<double>(number) / static_cast<double>(num_explained);
+  };
+  for (size_t h = 0; h < motions->size(); ++h) {
+    (*motions)[h].share = share(num_agreeing[h]);
+    (*motions)[h].own_share = share(num_own[h]);
+  }
+}
+
 // Measures the reach of each motion by the points that agree with it alone.
-void MeasureReach(const Correspondences& all, StepHypotheses* motions) {
+void MeasureReach(const Correspondences& all, const MotionErrors& errors,
+                  StepHypotheses* motions) {
   if (motions->size() < 2) return;
   std::vector<Vector3d> points;
   for (const CameraPoints& camera : all.cameras) {
     points.insert(points.end(), camera.points.begin(), camera.points.end());
-  }
-  std::vector<std::vector<double>> errors;
-  for (const MotionHypothesis& motion : *motions) {
-    errors.push_back(AbsolutePoseErrors(
-        all.cameras, all.ToMotion(motion.later_from_earlier)));
   }
   for (size_t h = 0; h < motions->size(); ++h) {
     std::vector<Vector3d> own;
@@ -222,28 +262,29 @@ double ErrorRad(const Scene& scene, int image_idx, double error_px) {
 StepHypotheses FindRigMotions(const FrameMatches& matches, double max_error_px,
                               Random random) {
   const Correspondences all = CollectMost(matches, max_error_px);
-  const auto num_all = static_cast<double>(CountRays(all.cameras));
+  const auto num_verified = static_cast<double>(CountRays(all.Verified()));
   RansacOptions ransac;
   ransac.max_num_trials = kMaxNumTrials;
   StepHypotheses motions;
+  MotionErrors errors;
   std::vector<CameraPoints> remaining = all.cameras;
   while (motions.size() < kMaxNumMotions &&
          static_cast<double>(CountRays(remaining)) >=
-             std::max<double>(kMinNumAgreeing, kMinRemainingShare * num_all)) {
+             std::max<double>(kMinNumAgreeing,
+                              kMinRemainingShare * num_verified)) {
     const auto pose = EstimateAbsolutePose(remaining, ransac, &random);
     if (!pose) break;
     const int num_own = ScoreAbsolutePose(remaining, *pose).num_inliers;
     if (num_own < static_cast<int>(kMinNumAgreeing) ||
-        num_own < kMinOwnShare * num_all) {
+        num_own < kMinOwnShare * num_verified) {
       break;
     }
-    motions.push_back(
-        {MeasureMotion(all, *pose),
-         ScoreAbsolutePose(all.cameras, *pose).num_inliers / num_all,
-         num_own / num_all});
+    motions.push_back({MeasureMotion(all, *pose)});
+    errors.push_back(AbsolutePoseErrors(all.cameras, *pose));
     KeepRays(*pose, 1.0, /*keep_agreeing=*/false, &remaining);
   }
-  MeasureReach(all, &motions);
+  CountShares(all, errors, &motions);
+  MeasureReach(all, errors, &motions);
   return motions;
 }
 

@@ -46,6 +46,16 @@ uint64_t PairStream(const Scene& scene, const ImagePair& pair) {
 
 }  // namespace
 
+void ViewGraphSummary::AddSecond(const ViewGraphSummary& second) {
+  num_from_row += second.num_from_row;
+  num_decomposed += second.num_decomposed;
+  num_reestimated += second.num_reestimated;
+  num_low_parallax += second.num_low_parallax;
+  num_inliers += second.num_inliers;
+  num_dropped_few_inliers += second.num_dropped_few_inliers +
+                             second.num_dropped_config - second.num_pairs;
+}
+
 ViewGraphResult EstimateViewGraph(const Scene& scene, const Bearings& bearings,
                                   const ViewGraph& view_graph,
                                   const ViewGraphOptions& options,

@@ -6,6 +6,12 @@
 
 namespace mgsfm {
 
+std::vector<Match> AllMatches(const ImagePair& pair) {
+  std::vector<Match> matches = pair.matches;
+  matches.insert(matches.end(), pair.outliers.begin(), pair.outliers.end());
+  return matches;
+}
+
 const ImagePair* FindPair(const ViewGraph& view_graph, int image_idx1,
                           int image_idx2) {
   const auto images_of = [](const ImagePair& pair) {

@@ -2,6 +2,7 @@
 #include "database/database_reader.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
 #include <limits>
 #include <unordered_map>
@@ -324,9 +325,50 @@ void ReadPairs(const Source& source, const DatabaseSelection& selection,
   }
 }
 
+// The matches that are not among the inliers.
+std::vector<Match> WithoutInliers(std::vector<Match> matches,
+                                  const std::vector<Match>& inliers) {
+  const auto key = [](const Match& match) {
+    return uint64_t{match.keypoint_idx1} << 32 | match.keypoint_idx2;
+  };
+  std::vector<uint64_t> keys;
+  for (const Match& match : inliers) keys.push_back(key(match));
+  std::sort(keys.begin(), keys.end());
+  EraseUnless(
+      [&](const Match& match) {
+        return !std::binary_search(keys.begin(), keys.end(), key(match));
+      },
+      &matches);
+  return matches;
+}
+
+// Adds the other matches before verification to verified pairs, which are
+// ordered by id.
+void ReadOutliers(const Source& source, const ImageTable& images,
+                  std::vector<TwoViewGeometryRow>* pairs) {
+  if (!source.database.HasTable("matches")) return;
+  SqliteStatement row = source.database.Prepare(
+      "SELECT pair_id, rows, cols, data FROM matches ORDER BY pair_id");
+  auto pair = pairs->begin();
+  while (source.Next(&row)) {
+    const int64_t id1 = row.Int(0) / kMaxNumIds, id2 = row.Int(0) % kMaxNumIds;
+    const auto ids = [&] {
+      return std::pair<int64_t, int64_t>(pair->image_id1.value(),
+                                         pair->image_id2.value());
+    };
+    while (pair != pairs->end() && ids() < std::pair(id1, id2)) ++pair;
+    if (pair == pairs->end()) break;
+    if (ids() != std::pair(id1, id2) || pair->matches.empty()) continue;
+    pair->outliers = WithoutInliers(
+        DecodeMatches(row, source.database.path(), PairName(images, id1, id2)),
+        pair->matches);
+  }
+}
+
 template <class PairRow>
 void CheckMatches(const Source& source, const ImageTable& images,
-                  const std::vector<PairRow>& pairs) {
+                  const std::vector<PairRow>& pairs,
+                  std::vector<Match> PairRow::*matches) {
   const auto num_keypoints = [&](ImageId id) {
     return images.Find(id.value())->keypoints_px.size();
   };
@@ -334,7 +376,7 @@ void CheckMatches(const Source& source, const ImageTable& images,
   ParallelFor(pairs.size(), source.context.num_threads, [&](size_t i) {
     const size_t size1 = num_keypoints(pairs[i].image_id1);
     const size_t size2 = num_keypoints(pairs[i].image_id2);
-    is_in_range[i] = AllOf(pairs[i].matches, [&](const Match& match) {
+    is_in_range[i] = AllOf(pairs[i].*matches, [&](const Match& match) {
       return match.keypoint_idx1 < size1 && match.keypoint_idx2 < size2;
     });
   });
@@ -462,8 +504,10 @@ DatabaseContents ReadContents(const SqliteDatabase& database,
   }
   ReadPairs(source, selection, images, pair_table, &contents);
   if (selection.has_keypoints) {
-    CheckMatches(source, images, contents.pairs);
-    CheckMatches(source, images, contents.matches);
+    ReadOutliers(source, images, &contents.pairs);
+    CheckMatches(source, images, contents.pairs, &TwoViewGeometryRow::matches);
+    CheckMatches(source, images, contents.pairs, &TwoViewGeometryRow::outliers);
+    CheckMatches(source, images, contents.matches, &MatchesRow::matches);
   }
   contents.rigs = ReadRigs(source);
   contents.frames = ReadFrames(source, images);
@@ -488,6 +532,7 @@ void SwapImages(TwoViewGeometryRow* pair) {
     pair->cam2_from_cam1 = pair->cam2_from_cam1->Inverse();
   }
   SwapImages(&pair->matches);
+  SwapImages(&pair->outliers);
 }
 
 DatabaseContents ReadStructure(const SqliteDatabase& database,

@@ -39,8 +39,10 @@ void WritePairs(const DatabaseContents& contents, SqliteDatabase* database) {
       "INSERT INTO two_view_geometries "
       "VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
   for (const TwoViewGeometryRow& pair : contents.pairs) {
+    std::vector<Match> raw = pair.matches;
+    raw.insert(raw.end(), pair.outliers.begin(), pair.outliers.end());
     matches_row.Run(PairId(pair.image_id1.value(), pair.image_id2.value()),
-                    pair.matches.size(), BlobOf(pair.matches));
+                    raw.size(), BlobOf(raw));
     WriteTwoViewGeometryRow(pair, /*none_is_null=*/false, &geometry_row);
   }
 }
@@ -100,8 +102,9 @@ void WriteDatabase(const std::string& path, const DatabaseContents& contents,
 
 TwoViewGeometryRow MakePairRow(ImageId image_id1, ImageId image_id2,
                                const ImagePair& pair) {
-  TwoViewGeometryRow row{image_id1, image_id2, pair.config, pair.F,
-                         pair.E,    pair.H,    {},          pair.matches};
+  TwoViewGeometryRow row{image_id1, image_id2,    pair.config,
+                         pair.F,    pair.E,       pair.H,
+                         {},        pair.matches, pair.outliers};
   // COLMAP's format cannot omit a translation; zero means no direction.
   if (pair.relative_pose) {
     row.cam2_from_cam1 =

@@ -401,6 +401,7 @@ ImagePair MakePair(TwoViewGeometryRow* row, int image_idx1, int image_idx2) {
     }
   }
   pair.matches = std::move(row->matches);
+  pair.outliers = std::move(row->outliers);
   return pair;
 }
 

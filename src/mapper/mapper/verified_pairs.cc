@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/verified_pairs.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <string>
 #include <utility>
@@ -23,6 +24,38 @@ void VerifyMatches(const char* stage_name, const MapperOptions& options,
   stage.Finish(&result->times);
   pairs->view_graph = std::move(verified.estimate);
   result->view_graph = verified.summary;
+}
+
+// The pairs that the visible matches do not verify, with the outliers of the
+// database. What is fixed to the rig can have decided their geometry, so that
+// matches of the scenery are among its outliers.
+ViewGraph UnverifiedPairs(const ViewGraph& visible, const ViewGraph& verified) {
+  ViewGraph unverified;
+  for (const ImagePair& pair : visible.pairs) {
+    if (pair.outliers.empty() ||
+        FindPair(verified, pair.image_idx1, pair.image_idx2) != nullptr) {
+      continue;
+    }
+    unverified.pairs.emplace_back(pair).matches = AllMatches(pair);
+  }
+  return unverified;
+}
+
+void VerifyOutliers(const MapperOptions& options, const Context& context,
+                    VerifiedPairs* pairs, MapperResult* result) {
+  const RunningStage stage("outliers of fixed regions", context);
+  ViewGraphResult added = EstimateViewGraph(
+      pairs->scene, pairs->bearings,
+      UnverifiedPairs(*pairs->visible_matches, pairs->view_graph),
+      options.view_graph, stage.context());
+  stage.Finish(&result->times);
+  std::vector<ImagePair>& all = pairs->view_graph.pairs;
+  for (ImagePair& pair : added.estimate.pairs) all.push_back(std::move(pair));
+  std::sort(all.begin(), all.end(), [](const ImagePair& a, const ImagePair& b) {
+    return std::pair(a.image_idx1, a.image_idx2) <
+           std::pair(b.image_idx1, b.image_idx2);
+  });
+  result->view_graph.AddSecond(added.summary);
 }
 
 std::vector<FixedRegion> ListFixedRegions(const FixedRegions& regions) {
@@ -48,16 +81,23 @@ VerifiedPairs VerifyAllPairs(const Scene& scene, const ViewGraph& matches,
   if (!IsRuleOn(RejectionReason::kFixedRegion, options.pair_filtering)) {
     return pairs;
   }
-  const FixedRegions regions =
-      FindFixedRegions(scene, pairs.bearings,
-                       FramePairIndex(scene, pairs.view_graph,
-                                      options.pair_filtering.is_sequence),
-                       pairs.view_graph, options.view_graph.max_error_px);
-  if (!regions.Any()) return pairs;
-  result->fixed_regions = ListFixedRegions(regions);
-  pairs.visible_matches = DropFixedRegions(scene, regions, matches, context);
+  FixedRegions regions;
+  const auto add_cells = [&] {
+    return regions.Add(
+        FindFixedRegions(scene, pairs.bearings,
+                         FramePairIndex(scene, pairs.view_graph,
+                                        options.pair_filtering.is_sequence),
+                         pairs.view_graph, options.view_graph.max_error_px));
+  };
+  if (!add_cells()) return pairs;
   const ViewGraph with_regions = std::move(pairs.view_graph);
-  VerifyMatches("visible view graph", options, context, &pairs, result);
+  do {
+    pairs.visible_matches = DropFixedRegions(scene, regions, matches);
+    VerifyMatches("visible view graph", options, context, &pairs, result);
+    VerifyOutliers(options, context, &pairs, result);
+  } while (add_cells());
+  LogFixedRegions(scene, regions, context);
+  result->fixed_regions = ListFixedRegions(regions);
   for (const ImagePair& pair : with_regions.pairs) {
     pairs.num_of_fixed_regions +=
         FindPair(pairs.view_graph, pair.image_idx1, pair.image_idx2) == nullptr;

@@ -52,7 +52,7 @@ class IsolatedPairMaker {
       std::vector<Match> matches = MakeMatches(*plan, cam2_from_cam1, random);
       auto made =
           maker_.Verify(plan->image1, plan->image2, PairKind::kIsolatedWrong,
-                        cam2_from_cam1, std::move(matches));
+                        cam2_from_cam1, matches);
       if (made) {
         made_.insert({plan->image1, plan->image2});
         return made;

@@ -126,6 +126,23 @@ void AddMismatches(double mismatch_ratio, size_t num_keypoints2, Random random,
   }
 }
 
+// `inliers` is a part of the matches, in the same order.
+std::vector<Match> WithoutInliers(const std::vector<Match>& matches,
+                                  const std::vector<Match>& inliers) {
+  std::vector<Match> outliers;
+  auto inlier = inliers.begin();
+  for (const Match& match : matches) {
+    if (inlier != inliers.end() &&
+        inlier->keypoint_idx1 == match.keypoint_idx1 &&
+        inlier->keypoint_idx2 == match.keypoint_idx2) {
+      ++inlier;
+    } else {
+      outliers.push_back(match);
+    }
+  }
+  return outliers;
+}
+
 const Eigen::Vector3d& Ray1(const Photographs& photographs, int image,
                             const Match& match) {
   return photographs.features[image].rays[match.keypoint_idx1];
@@ -171,12 +188,12 @@ std::optional<MadePair> PairMaker::Make(const PairPlan& plan) const {
   MoveAlongEpipolarLines(plan, cam2_from_cam1, &matches);
   return Verify(plan.image1, plan.image2,
                 is_duplicate ? PairKind::kDuplicatedStructure : PairKind::kTrue,
-                cam2_from_cam1, std::move(matches));
+                cam2_from_cam1, matches);
 }
 
 std::optional<MadePair> PairMaker::Verify(
     int image1, int image2, PairKind kind, const Rigid3& cam2_from_cam1,
-    std::vector<Match> raw_matches) const {
+    const std::vector<Match>& raw_matches) const {
   Hypothesis best{kind, WithUnitBaseline(cam2_from_cam1), raw_matches};
   if (options_.max_verification_error_px > 0.0) {
     best.inliers = Inliers(best.cam2_from_cam1, image1, image2, raw_matches);
@@ -189,7 +206,7 @@ std::optional<MadePair> PairMaker::Verify(
     return std::nullopt;
   }
   MadePair made = Finish(image1, image2, std::move(best));
-  made.raw_matches = std::move(raw_matches);
+  made.pair.outliers = WithoutInliers(raw_matches, made.pair.matches);
   return made;
 }
 
@@ -244,7 +261,7 @@ std::optional<MadePair> PairMaker::MakeRandomPair(
     match.keypoint_idx2 = random.Index(static_cast<uint32_t>(num_features2));
   }
   return Verify(plan.image1, plan.image2, PairKind::kIsolatedWrong,
-                cam2_from_cam1, std::move(matches));
+                cam2_from_cam1, matches);
 }
 
 double PairMaker::ErrorInRadians(int image1, int image2,
@@ -374,7 +391,7 @@ MadePair PairMaker::Finish(int image1, int image2,
     pair.E = EssentialFromPose(pose);
   }
   pair.matches = std::move(hypothesis.inliers);
-  return {std::move(pair), hypothesis.kind, {}};
+  return {std::move(pair), hypothesis.kind};
 }
 
 }  // namespace mgsfm

@@ -12,7 +12,6 @@ namespace mgsfm {
 struct MadePair {
   ImagePair pair;
   PairKind kind;
-  std::vector<Match> raw_matches;
 };
 
 // Simulates matching and two-view verification: matches of common points,
@@ -31,7 +30,7 @@ class PairMaker {
   // The same for matches that follow a relative pose of any kind.
   std::optional<MadePair> Verify(int image1, int image2, PairKind kind,
                                  const Rigid3& cam2_from_cam1,
-                                 std::vector<Match> raw_matches) const;
+                                 const std::vector<Match>& raw_matches) const;
 
   // Converts pixels to an angle, averaged over both images.
   double ErrorInRadians(int image1, int image2, double error_px) const;

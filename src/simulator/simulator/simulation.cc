@@ -334,7 +334,6 @@ void Simulator::AddPairs(const PairMaker& maker, const Detector& detector) {
   for (MadePair& pair : pairs) {
     simulation_.view_graph.pairs.push_back(std::move(pair.pair));
     simulation_.pair_kinds.push_back(pair.kind);
-    simulation_.raw_matches.push_back(std::move(pair.raw_matches));
   }
 }
 

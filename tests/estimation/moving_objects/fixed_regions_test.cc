@@ -110,11 +110,16 @@ TEST(FixedRegionsTest, AHullIsFoundAndItsMatchesAreDropped) {
   ASSERT_TRUE(regions.Any());
   EXPECT_TRUE(regions.of_sensor[1].empty());
   EXPECT_LT(regions.FractionOf(0), 0.1);
-  const ViewGraph visible = DropFixedRegions(simulation.scene, regions,
-                                             simulation.view_graph, Context());
+  for (ImagePair& pair : simulation.view_graph.pairs) {
+    const auto half = pair.matches.begin() + pair.matches.size() / 2;
+    pair.outliers.assign(half, pair.matches.end());
+    pair.matches.erase(half, pair.matches.end());
+  }
+  const ViewGraph visible =
+      DropFixedRegions(simulation.scene, regions, simulation.view_graph);
   for (size_t i = 0; i < visible.pairs.size(); ++i) {
     const ImagePair& pair = visible.pairs[i];
-    for (const Match& match : pair.matches) {
+    for (const Match& match : AllMatches(pair)) {
       EXPECT_FALSE(regions.Contains(simulation.scene, pair.image_idx1,
                                     match.keypoint_idx1));
       EXPECT_FALSE(regions.Contains(simulation.scene, pair.image_idx2,
@@ -137,9 +142,23 @@ TEST(FixedRegionsTest, AStaticWorldHasNone) {
     const FixedRegions regions = Find(simulation);
     EXPECT_FALSE(regions.Any());
     EXPECT_EQ(CountMatches(DropFixedRegions(simulation.scene, regions,
-                                            simulation.view_graph, Context())),
+                                            simulation.view_graph)),
               CountMatches(simulation.view_graph));
   }
+}
+
+TEST(FixedRegionsTest, CellsAreAddedOnce) {
+  Mask first(6, false), second(6, false);
+  first[1] = second[1] = second[4] = true;
+  FixedRegions regions;
+  EXPECT_FALSE(regions.Add({{Mask(), Mask()}}));
+  EXPECT_FALSE(regions.Any());
+  EXPECT_TRUE(regions.Add({{Mask(), first}}));
+  EXPECT_FALSE(regions.Add({{Mask(), first}}));
+  EXPECT_TRUE(regions.Add({{first, second}}));
+  EXPECT_FALSE(regions.Add({{first, first}}));
+  EXPECT_EQ(regions.of_sensor[0].Count(), 1);
+  EXPECT_EQ(regions.of_sensor[1].Count(), 2);
 }
 
 // On a straight way, distant points keep their rays as the desk does.

@@ -126,8 +126,8 @@ class Drive {
   bool AreComparable(const RigPath& path, int rank1, int rank2) const {
     return path.IsComparable(order_[rank1], order_[rank2]);
   }
-  bool IsContested(const RigPath& path, int rank) const {
-    return path.is_contested[order_[rank]];
+  bool IsDoubtful(const RigPath& path, int rank) const {
+    return path.is_doubtful[order_[rank]];
   }
 
   // All frames with ranks in [begin, end) have their true relative poses.
@@ -160,7 +160,7 @@ TEST(MotionContinuityTest, ALorryThatKeepsItsDistanceIsExposed) {
     const RigPath path = drive.FindPath();
     drive.ExpectTruth(path, 0, kNumFrames);
     for (int k = 0; k < kNumFrames; ++k) {
-      EXPECT_EQ(drive.IsContested(path, k), k >= 15 && k <= 45) << k;
+      EXPECT_EQ(drive.IsDoubtful(path, k), k >= 8 && k <= 52) << k;
     }
   }
 }
@@ -198,7 +198,7 @@ TEST(MotionContinuityTest, DepthsThatDisagreeEverywhereShowNoObject) {
         Rigid3::FromRotationAndCenter(error * motion.rotation, motion.Center()),
         0.9);
   }
-  EXPECT_FALSE(drive.FindPath().is_contested.Any());
+  EXPECT_FALSE(drive.FindPath().is_doubtful.Any());
 }
 
 // Where the motion is erratic, one wrong image pair is no object: it neither
@@ -216,7 +216,7 @@ TEST(MotionContinuityTest, AnErrorOfOneStepShowsNoObject) {
   Drive drive([&](double time) { return poses[std::lround(time)]; });
   drive.AddWorld(0, kNumFrames - 1, 0.9);
   drive.AddObject(30, 31, Rigid3(), 0.4);
-  EXPECT_FALSE(drive.FindPath().is_contested.Any());
+  EXPECT_FALSE(drive.FindPath().is_doubtful.Any());
 }
 
 // Steps without a motion that matches support count as unknown.
@@ -297,7 +297,7 @@ TEST(MotionContinuityTest, DistancesCountWhereTheRigBrakes) {
   drive.AddDirections(0, kNumFrames - 1, 1.0);
   const RigPath path = drive.FindPath();
   drive.ExpectTruth(path, 0, kNumFrames);
-  EXPECT_FALSE(path.is_contested.Any());
+  EXPECT_FALSE(path.is_doubtful.Any());
 }
 
 // Brakes from frame 20 to 26, from 2 to 0.5 per step.
@@ -429,7 +429,7 @@ TEST(MotionContinuityTest, MotionsThatDoNotLastAreNoObjects) {
   }
   const RigPath path = drive.FindPath();
   drive.ExpectTruth(path, 0, kNumFrames);
-  EXPECT_FALSE(path.is_contested.Any());
+  EXPECT_FALSE(path.is_doubtful.Any());
 }
 
 TEST(MotionContinuityTest, AStopIsNoObject) {
@@ -439,8 +439,8 @@ TEST(MotionContinuityTest, AStopIsNoObject) {
   drive.AddObject(27, 32, {Quaterniond::Identity(), {0.0, 0.0, 1.5}}, 0.6);
   const RigPath path = drive.FindPath();
   drive.ExpectTruth(path, 0, kNumFrames);
-  EXPECT_TRUE(drive.IsContested(path, 30));
-  EXPECT_FALSE(drive.IsContested(path, 20));
+  EXPECT_TRUE(drive.IsDoubtful(path, 30));
+  EXPECT_FALSE(drive.IsDoubtful(path, 19));
 }
 
 // A lorry ahead that turns off seems to swing the rig around, even if its
@@ -469,7 +469,7 @@ TEST(MotionContinuityTest, JerkyMotionIsAcceptedIfNothingContradictsIt) {
   drive.AddWorld(0, kNumFrames - 1, 0.5);
   const RigPath path = drive.FindPath();
   drive.ExpectTruth(path, 0, kNumFrames);
-  EXPECT_FALSE(path.is_contested.Any());
+  EXPECT_FALSE(path.is_doubtful.Any());
 }
 
 // Where frames are missing, the rig moves further. The motion of a single step

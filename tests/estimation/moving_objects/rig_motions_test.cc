@@ -105,6 +105,9 @@ class TwoFrames {
     }
   }
 
+  // The matches added from now on are outliers of verification.
+  void AddOutliersFromNowOn() { adds_outliers_ = true; }
+
   void ForgetSensor(int sensor_idx) {
     depths_.cam_from_rig[sensor_idx] = std::nullopt;
   }
@@ -143,7 +146,7 @@ class TwoFrames {
     Match match{AddKeypoint(earlier_idx, earlier, layout_.has_earlier_depths),
                 AddKeypoint(later_idx, later, layout_.has_later_depths)};
     if (!is_first_earlier) std::swap(match.keypoint_idx1, match.keypoint_idx2);
-    pair.matches.push_back(match);
+    (adds_outliers_ ? pair.outliers : pair.matches).push_back(match);
   }
 
   uint32_t AddKeypoint(int image_idx, const Vector3d& point_in_rig,
@@ -168,6 +171,7 @@ class TwoFrames {
   FrameDepths depths_;
   std::vector<size_t> pair_idxs_;
   size_t num_matches_ = 0;
+  bool adds_outliers_ = false;
 };
 
 TwoFrames Street(const Layout& layout = {}) {
@@ -223,6 +227,25 @@ TEST(RigMotionsTest, SceneAndVehicleAreFound) {
     EXPECT_NEAR(motions[1].own_share, 90.0 / 300.0, 0.03);
     EXPECT_GE(motions[1].share, motions[1].own_share);
   }
+}
+
+// Verification kept the matches of the vehicle only. Mismatches do not count.
+TEST(RigMotionsTest, TheSceneCanBeAmongTheOutliers) {
+  TwoFrames frames;
+  frames.AddVehicle(160);
+  frames.AddOutliersFromNowOn();
+  frames.AddStatic(120);
+  frames.AddMismatches(150);
+  const StepHypotheses motions = frames.Find();
+  ASSERT_EQ(motions.size(), 2u);
+  ExpectNear(motions[0].later_from_earlier, kFollow);
+  ExpectNear(motions[1].later_from_earlier, kDrive);
+  EXPECT_NEAR(motions[0].own_share, 160.0 / 280.0, 0.03);
+  EXPECT_NEAR(motions[1].own_share, 120.0 / 280.0, 0.03);
+  const auto refined = frames.Refine(
+      kDrive * Rigid3{ExpSO3({0.0, DegToRad(0.5), 0.0}), {0.05, 0.0, 0.1}});
+  ASSERT_TRUE(refined.has_value());
+  ExpectNear(*refined, kDrive);
 }
 
 // The motion with the most matches comes first, whether it is credible or not.
