@@ -97,7 +97,8 @@ double EstimateMemoryMib(const MapperInput& input) {
         kBytesPerKeypoint * static_cast<double>(image.keypoints_px.size());
   }
   for (const ImagePair& pair : input.view_graph.pairs) {
-    num_bytes += kBytesPerMatch * static_cast<double>(pair.matches.size());
+    num_bytes += kBytesPerMatch * static_cast<double>(pair.matches.size() +
+                                                      pair.outliers.size());
   }
   return ToMib(num_bytes);
 }

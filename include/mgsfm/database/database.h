@@ -39,7 +39,7 @@ struct TwoViewGeometryRow {
   std::optional<Eigen::Matrix3d> F = {}, E = {}, H = {};
   std::optional<Rigid3> cam2_from_cam1 = {};
   std::vector<Match> matches = {};
-  std::vector<Match> outliers = {};  // of the table `matches`
+  std::vector<Match> outliers = {};  // the others of the table `matches`
 };
 
 // The same row without the geometry, which takes 300 bytes.
@@ -100,7 +100,7 @@ struct DatabaseContents {
 struct DatabaseSelection {
   // Names that the database does not have are ignored. Empty: all images.
   std::set<std::string> image_names;
-  bool has_keypoints = true;
+  bool has_keypoints = true;  // with the outliers of pairs
   // Otherwise, the verified matches of pairs are read into `matches`.
   bool has_geometries = true;
   // Whether the pair of two image names is read. Empty: all pairs.

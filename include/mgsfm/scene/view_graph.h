@@ -38,8 +38,8 @@ struct RelativePose {
 
 // A pair of images with verified matches, image_idx1 < image_idx2. F, E and H
 // map image 1 to image 2: x2^T F x1 = 0 and x2 ~ H x1 in pixels, r2^T E r1 = 0
-// for rays. Verification finds one motion per pair; right matches can be among
-// its outliers if something else moves in the images.
+// for rays. Verification finds one motion per pair; correct matches can be
+// among its outliers if something else moves in the images.
 struct ImagePair {
   int image_idx1 = 0;
   int image_idx2 = 0;

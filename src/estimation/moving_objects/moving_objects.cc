@@ -37,8 +37,7 @@ constexpr int kMinNumPredicted = 8;
 // A smaller fraction of contradicting matches does not bias a relative pose.
 constexpr double kMaxContradicting = 0.1;
 
-// A pair of a frame about whose motion hypotheses disagree, or near such
-// frames.
+// Whether a frame of the pair is next to a doubtful step.
 bool IsDoubtful(const MotionProblem& problem, const RigPath& path,
                 size_t pair_idx) {
   const FramePair& frames = problem.index.Of(pair_idx);

@@ -44,10 +44,11 @@ struct MotionOfScene {
 //               (motion_hypotheses.h)
 //   path        the smoothest choice (moving_objects/motion_continuity.h)
 //   pairs       of neighbors (pair_filtering/frame_pair_index.h), where
-//               motions compete: matches that agree with the path, by the
-//               epipolar constraint and by their depths, determine the relative
-//               pose anew. Pairs without enough of them are discontinuous;
-//               those across a step whose motion is ambiguous have none.
+//               motions compete, or near: matches that agree with the path, by
+//               the epipolar constraint and by their depths, determine the
+//               relative pose anew. Pairs without enough of them are
+//               discontinuous; those across a step whose motion is ambiguous
+//               have none.
 //
 // `matches` is the view graph before estimation: where a vehicle dominates an
 // image, matches of the static scene are outliers of its pairs.

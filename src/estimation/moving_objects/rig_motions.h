@@ -72,7 +72,7 @@ struct FrameMatches {
 };
 
 // Returns at most three motions, and none without depths. Their shares are
-// those of the correspondences with depth.
+// those of verified correspondences with depth, and of outliers that agree.
 [[nodiscard]] StepHypotheses FindRigMotions(const FrameMatches& matches,
                                             double max_error_px, Random random);
 

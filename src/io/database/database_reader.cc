@@ -6,6 +6,7 @@
 #include <cstring>
 #include <limits>
 #include <unordered_map>
+#include <unordered_set>
 
 #include "base/parallel.h"
 #include "base/ranges.h"
@@ -325,20 +326,18 @@ void ReadPairs(const Source& source, const DatabaseSelection& selection,
   }
 }
 
-// The matches that are not among the inliers.
+// The matches of keypoints that no inlier has: a keypoint has one match.
 std::vector<Match> WithoutInliers(std::vector<Match> matches,
                                   const std::vector<Match>& inliers) {
-  const auto key = [](const Match& match) {
-    return uint64_t{match.keypoint_idx1} << 32 | match.keypoint_idx2;
-  };
-  std::vector<uint64_t> keys;
-  for (const Match& match : inliers) keys.push_back(key(match));
-  std::sort(keys.begin(), keys.end());
-  EraseUnless(
-      [&](const Match& match) {
-        return !std::binary_search(keys.begin(), keys.end(), key(match));
-      },
-      &matches);
+  std::unordered_set<uint32_t> taken1, taken2;
+  for (const Match& match : inliers) {
+    taken1.insert(match.keypoint_idx1);
+    taken2.insert(match.keypoint_idx2);
+  }
+  EraseIf(&matches, [&](const Match& match) {
+    return taken1.count(match.keypoint_idx1) > 0 ||
+           taken2.count(match.keypoint_idx2) > 0;
+  });
   return matches;
 }
 

@@ -14,14 +14,11 @@
 namespace mgsfm {
 namespace {
 
-void VerifyMatches(const char* stage_name, const MapperOptions& options,
-                   const Context& context, VerifiedPairs* pairs,
-                   MapperResult* result) {
-  const RunningStage stage(stage_name, context);
+void VerifyMatches(const MapperOptions& options, const Context& context,
+                   VerifiedPairs* pairs, MapperResult* result) {
   ViewGraphResult verified =
       EstimateViewGraph(pairs->scene, pairs->bearings, pairs->matches(),
-                        options.view_graph, stage.context());
-  stage.Finish(&result->times);
+                        options.view_graph, context);
   pairs->view_graph = std::move(verified.estimate);
   result->view_graph = verified.summary;
 }
@@ -36,26 +33,31 @@ ViewGraph UnverifiedPairs(const ViewGraph& visible, const ViewGraph& verified) {
         FindPair(verified, pair.image_idx1, pair.image_idx2) != nullptr) {
       continue;
     }
-    unverified.pairs.emplace_back(pair).matches = AllMatches(pair);
+    ImagePair& added = unverified.pairs.emplace_back(pair);
+    added.matches = AllMatches(pair);
+    added.outliers.clear();
   }
   return unverified;
 }
 
 void VerifyOutliers(const MapperOptions& options, const Context& context,
                     VerifiedPairs* pairs, MapperResult* result) {
-  const RunningStage stage("outliers of fixed regions", context);
+  const ViewGraph unverified =
+      UnverifiedPairs(*pairs->visible_matches, pairs->view_graph);
   ViewGraphResult added = EstimateViewGraph(
-      pairs->scene, pairs->bearings,
-      UnverifiedPairs(*pairs->visible_matches, pairs->view_graph),
-      options.view_graph, stage.context());
-  stage.Finish(&result->times);
+      pairs->scene, pairs->bearings, unverified, options.view_graph, context);
+  result->view_graph.AddSecond(added.summary);
   std::vector<ImagePair>& all = pairs->view_graph.pairs;
-  for (ImagePair& pair : added.estimate.pairs) all.push_back(std::move(pair));
+  for (ImagePair& pair : added.estimate.pairs) {
+    result->view_graph.num_matches +=
+        FindPair(*pairs->visible_matches, pair.image_idx1, pair.image_idx2)
+            ->outliers.size();
+    all.push_back(std::move(pair));
+  }
   std::sort(all.begin(), all.end(), [](const ImagePair& a, const ImagePair& b) {
     return std::pair(a.image_idx1, a.image_idx2) <
            std::pair(b.image_idx1, b.image_idx2);
   });
-  result->view_graph.AddSecond(added.summary);
 }
 
 std::vector<FixedRegion> ListFixedRegions(const FixedRegions& regions) {
@@ -74,10 +76,16 @@ VerifiedPairs VerifyAllPairs(const Scene& scene, const ViewGraph& matches,
                              const MapperOptions& options,
                              const Context& context, MapperResult* result) {
   VerifiedPairs pairs{scene, matches};
-  const RunningStage stage("rays", context);
-  pairs.bearings = ComputeBearings(scene, context.num_threads);
-  stage.Finish(&result->times);
-  VerifyMatches("view graph", options, context, &pairs, result);
+  {
+    const RunningStage stage("rays", context);
+    pairs.bearings = ComputeBearings(scene, context.num_threads);
+    stage.Finish(&result->times);
+  }
+  {
+    const RunningStage stage("view graph", context);
+    VerifyMatches(options, stage.context(), &pairs, result);
+    stage.Finish(&result->times);
+  }
   if (!IsRuleOn(RejectionReason::kFixedRegion, options.pair_filtering)) {
     return pairs;
   }
@@ -90,12 +98,14 @@ VerifiedPairs VerifyAllPairs(const Scene& scene, const ViewGraph& matches,
                          pairs.view_graph, options.view_graph.max_error_px));
   };
   if (!add_cells()) return pairs;
+  const RunningStage stage("visible view graph", context);
   const ViewGraph with_regions = std::move(pairs.view_graph);
   do {
     pairs.visible_matches = DropFixedRegions(scene, regions, matches);
-    VerifyMatches("visible view graph", options, context, &pairs, result);
-    VerifyOutliers(options, context, &pairs, result);
+    VerifyMatches(options, stage.context(), &pairs, result);
+    VerifyOutliers(options, stage.context(), &pairs, result);
   } while (add_cells());
+  stage.Finish(&result->times);
   LogFixedRegions(scene, regions, context);
   result->fixed_regions = ListFixedRegions(regions);
   for (const ImagePair& pair : with_regions.pairs) {

@@ -22,17 +22,17 @@ struct VerifiedPairs {
   Bearings bearings = {};
   ViewGraph view_graph = {};  // relative poses and their inliers
   // The matches outside image regions that are fixed to the rig; nullopt: all
-  // matches.
+  // matches. Outliers that verify a pair stay outliers here.
   std::optional<ViewGraph> visible_matches = std::nullopt;
-  size_t num_of_fixed_regions = 0;  // pairs that only all matches verify
+  size_t num_of_fixed_regions = 0;  // pairs that only matches there verify
 
   const ViewGraph& matches() const {
     return visible_matches ? *visible_matches : all_matches;
   }
 };
 
-// Verifies all matches, and again without those of fixed regions
-// (moving_objects/fixed_regions.h), if there are any. Adds the summary and the
+// Verifies all matches, and again without those of fixed regions, until no
+// region is new (moving_objects/fixed_regions.h). Adds the summary and the
 // times of the stages to the result.
 [[nodiscard]] VerifiedPairs VerifyAllPairs(const Scene& scene,
                                            const ViewGraph& matches,
