@@ -283,10 +283,16 @@ TEST_F(BadInput, MatchesWithKeypointsThatDoNotExist) {
       "'cam0/000000.png'", kMatchAgain);
 }
 
-// The matches were verified from them, and do not need them any more.
-TEST_F(BadInput, MatchesBeforeVerificationAreNotRead) {
-  OpenDatabase(Database()).Execute("UPDATE matches SET data = x'00'");
-  EXPECT_EQ(Map().exit_code, 0);
+TEST_F(BadInput, MatchesBeforeVerification) {
+  ExpectLengthsRefused("matches", "data", "the matches of the pair of images",
+                       kMatchAgain);
+  ExpectRefusedAfterEdit(
+      "matches", "data",
+      [](std::string* blob) {
+        Overwrite(blob, 0, ~0u);
+        Overwrite(blob, 4, ~0u);
+      },
+      "'cam0/000000.png'", kMatchAgain);
 }
 
 TEST_F(BadInput, MatricesAndPosesOfTheWrongLength) {
