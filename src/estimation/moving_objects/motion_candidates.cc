@@ -499,7 +499,7 @@ double CenterTolerance(double distance, const MotionNoise& noise) {
              distance +
          kMinTolerance * noise.median_step;
 }
-double AngleTolerance_rad(const MotionNoise& noise) {
+double AngleToleranceRad(const MotionNoise& noise) {
   return std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
 }
 
@@ -512,7 +512,7 @@ bool IsCertain(const MeasuredMotion& motion, const MotionNoise& noise) {
   return is_within(motion.center_covariance,
                    CenterTolerance(motion.later_from_earlier.Center().norm(),
                                    noise)) &&
-         is_within(motion.rotation_covariance, AngleTolerance_rad(noise));
+         is_within(motion.rotation_covariance, AngleToleranceRad(noise));
 }
 
 bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
@@ -522,7 +522,7 @@ bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
       CenterTolerance(std::max(a.later_from_earlier.Center().norm(),
                                b.later_from_earlier.Center().norm()),
                       noise);
-  const double tolerance_rad = AngleTolerance_rad(noise);
+  const double tolerance_rad = AngleToleranceRad(noise);
   const auto is_within = [factor](const Vector3d& error,
                                   const Matrix3d& covariance, double bound) {
     return error.squaredNorm() <=
