@@ -53,6 +53,10 @@ struct ImagePair {
 // The matches before verification.
 [[nodiscard]] std::vector<Match> AllMatches(const ImagePair& pair);
 
+// The matches of keypoints that no inlier has: a keypoint has one match.
+[[nodiscard]] std::vector<Match> OutliersOf(
+    const std::vector<Match>& all_matches, const std::vector<Match>& inliers);
+
 // Pairs sorted by (image_idx1, image_idx2), each at most once.
 struct ViewGraph {
   std::vector<ImagePair> pairs;

@@ -273,10 +273,6 @@ double FixedRegions::FractionOf(int sensor_idx) const {
                                 static_cast<double>(is_fixed.size());
 }
 
-bool FixedRegions::Any() const {
-  return AnyOf(of_sensor, [](const Mask& cells) { return !cells.empty(); });
-}
-
 bool FixedRegions::Add(const FixedRegions& others) {
   of_sensor.resize(others.of_sensor.size());
   bool are_new = false;

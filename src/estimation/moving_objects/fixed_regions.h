@@ -47,7 +47,6 @@ struct FixedRegions {
   std::vector<Mask> of_sensor;  // cells, row by row; empty: none is fixed
 
   bool Contains(const Scene& scene, int image_idx, size_t keypoint_idx) const;
-  bool Any() const;
   // Adds the cells of others. Returns whether any is new.
   bool Add(const FixedRegions& others);
   // The fraction of the image of a sensor.

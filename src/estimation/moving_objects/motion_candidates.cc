@@ -322,6 +322,9 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
   return candidates;
 }
 
+namespace {
+
+// The motion with the largest share. nullptr if there is none.
 const Candidate* Strongest(const std::vector<Candidate>& candidates) {
   const auto strongest = std::max_element(
       candidates.begin(), candidates.end(),
@@ -329,7 +332,14 @@ const Candidate* Strongest(const std::vector<Candidate>& candidates) {
   return strongest == candidates.end() ? nullptr : &*strongest;
 }
 
-namespace {
+// Whether a candidate has support and differs from a motion.
+bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
+                   const MotionNoise& noise) {
+  return candidate.own_share >= kContestingShare &&
+         !AreEqualMotions(
+             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
+             noise);
+}
 
 // A free distance may be that of any motion of the step with a distance, unless
 // the matches contradict it: matches with parallax exclude that an image pair
@@ -423,46 +433,6 @@ MeasuredMotion MotionHypothesis::ClosestTo(const Vector3d& center) const {
   return motion;
 }
 
-MeasuredMotion MeasuredMotionOf(const Rigid3& pose,
-                                const Eigen::Matrix<double, 6, 6>& covariance,
-                                bool is_reversed) {
-  const Matrix3d inverse = pose.rotation.conjugate().toRotationMatrix();
-  const Matrix3d of_rotation = covariance.topLeftCorner<3, 3>();
-  if (is_reversed) {
-    return {pose.Inverse(), inverse * of_rotation * inverse.transpose(),
-            covariance.bottomRightCorner<3, 3>()};
-  }
-  // The center -R^T t changes by R^T (w x t - dt).
-  Eigen::Matrix<double, 3, 6> by_pose;
-  by_pose << CrossMatrix(pose.translation), Matrix3d::Identity();
-  by_pose = -inverse * by_pose;
-  return {pose, of_rotation, by_pose * covariance * by_pose.transpose()};
-}
-
-MeasuredMotion Compose(const MeasuredMotion& second,
-                       const MeasuredMotion& first) {
-  const Matrix3d rotation1 =
-      first.later_from_earlier.rotation.toRotationMatrix();
-  const Matrix3d rotation2 =
-      second.later_from_earlier.rotation.toRotationMatrix();
-  const Matrix3d lever = CrossMatrix(second.later_from_earlier.Center());
-  return {second.later_from_earlier * first.later_from_earlier,
-          second.rotation_covariance +
-              rotation2 * first.rotation_covariance * rotation2.transpose(),
-          first.center_covariance +
-              rotation1.transpose() *
-                  (second.center_covariance +
-                   lever * first.rotation_covariance * lever.transpose()) *
-                  rotation1};
-}
-
-MeasuredMotion MeasuredMotion::Inverse() const {
-  const Matrix3d rotation = later_from_earlier.rotation.toRotationMatrix();
-  return {later_from_earlier.Inverse(),
-          rotation.transpose() * rotation_covariance * rotation,
-          rotation * center_covariance * rotation.transpose()};
-}
-
 MeasuredMotion Steps::MotionOf(size_t k, const Candidate& candidate) const {
   return candidate.MotionAfter(ForwardStep(
       candidate, Duration(k, candidate.num_steps) * noise.median_step));
@@ -472,22 +442,6 @@ double Steps::Duration(size_t k, size_t num_steps) const {
   double duration = 0.0;
   for (size_t i = 0; i < num_steps; ++i) duration += durations[k - i];
   return duration;
-}
-
-Velocity VelocityOf(const MeasuredMotion& motion, double duration) {
-  const double squared_duration = duration * duration;
-  return {motion.later_from_earlier.Center() / duration,
-          LogSO3(motion.later_from_earlier.rotation) / duration,
-          motion.center_covariance / squared_duration,
-          motion.rotation_covariance / squared_duration};
-}
-
-MeasuredMotion MotionOf(const Velocity& velocity, double duration) {
-  const double squared_duration = duration * duration;
-  return {Rigid3::FromRotationAndCenter(ExpSO3(duration * velocity.angular_rad),
-                                        duration * velocity.linear),
-          squared_duration * velocity.angular_covariance,
-          squared_duration * velocity.linear_covariance};
 }
 
 namespace {
@@ -560,12 +514,6 @@ double SquaredChange(const Velocity& a, const Velocity& b,
                  typical.angular_rad);
 }
 
-double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {
-  const double squared_length = vector.squaredNorm();
-  return squared_length > 0.0 ? vector.dot(covariance * vector) / squared_length
-                              : 0.0;
-}
-
 Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
   return length * hypothesis.free_direction.value_or(Vector3d::Zero());
 }
@@ -601,14 +549,6 @@ bool HasRivals(const Steps& steps, size_t k) {
            (Continues(steps, rival, velocity, k - 1) ||
             Continues(steps, rival, velocity, k + 1));
   });
-}
-
-bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
-                   const MotionNoise& noise, double factor) {
-  return candidate.own_share >= kContestingShare &&
-         !AreEqualMotions(
-             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
-             noise, factor);
 }
 
 std::vector<Candidate> TryDistances(const Steps& steps, size_t k) {

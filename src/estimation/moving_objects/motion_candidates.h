@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mgsfm/geometry/rigid3.h"
+#include "moving_objects/measured_motion.h"
 
 namespace mgsfm {
 
@@ -18,26 +19,6 @@ namespace mgsfm {
 // group, whose motion is their mean, weighted by matches. A motion with depth
 // that a group agrees with has the rotation and direction of the group for the
 // comparison of velocities, and its own distance.
-
-// A motion, with the covariances of its rotation vector, in the later rig
-// frame, and of its center, in the earlier one.
-struct MeasuredMotion {
-  Rigid3 later_from_earlier;
-  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
-  Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
-
-  [[nodiscard]] MeasuredMotion Inverse() const;
-};
-
-// One motion after another, with independent errors.
-[[nodiscard]] MeasuredMotion Compose(const MeasuredMotion& second,
-                                     const MeasuredMotion& first);
-
-// The motion of a pose (R, t) of the later frame, or of the earlier one if it
-// is reversed, with the covariance of (w, dt): Exp(w) R, t + dt.
-[[nodiscard]] MeasuredMotion MeasuredMotionOf(
-    const Rigid3& pose, const Eigen::Matrix<double, 6, 6>& covariance,
-    bool is_reversed);
 
 // A motion of a step, between rig frames, by the noise of keypoints and depths.
 // The covariance of the center is that of `free_direction`, if there is one.
@@ -106,16 +87,6 @@ struct MotionEvidence {
                                 const Rigid3& motion1, const Rigid3& motion2)>
       compare = {};
 };
-
-// Per step, or per unit of time, with covariances.
-struct Velocity {
-  Eigen::Vector3d linear = Eigen::Vector3d::Zero();  // of the rig's origin
-  Eigen::Vector3d angular_rad = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d linear_covariance = Eigen::Matrix3d::Zero();
-  Eigen::Matrix3d angular_covariance = Eigen::Matrix3d::Zero();
-};
-Velocity VelocityOf(const MeasuredMotion& motion, double duration);
-MeasuredMotion MotionOf(const Velocity& velocity, double duration);
 
 // Whether the errors of a measurement are within the tolerance of motions that
 // agree.
@@ -192,24 +163,12 @@ struct Steps {
 // The center after a step of some length in the direction of a hypothesis.
 Eigen::Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length);
 
-// The variance along a vector.
-double VarianceAlong(const Eigen::Matrix3d& covariance,
-                     const Eigen::Vector3d& vector);
-
 // Groups the hypotheses of each step.
 Steps MakeSteps(const std::vector<StepHypotheses>& measured,
                 std::vector<double> durations);
 
 // Whether a competing motion has support and also fits an adjacent frame pair.
 bool HasRivals(const Steps& steps, size_t k);
-
-// The motion with the largest share. nullptr if there is none.
-const Candidate* Strongest(const std::vector<Candidate>& candidates);
-
-// Whether a candidate has support and differs from a motion by more than
-// `factor` tolerances.
-bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
-                   const MotionNoise& noise, double factor = 1.0);
 
 // The candidates of a step, with one candidate for each distance to try if the
 // distance is free.

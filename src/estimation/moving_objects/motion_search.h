@@ -11,19 +11,15 @@
 namespace mgsfm {
 
 // The most steps that have candidates but no motion, between two steps with
-// one. Bounds the cost, which is linear in it. Half or twice as many change no
-// error.
+// one. Bounds the cost, which is linear in it. Steps as near to a contested one
+// are doubtful (motion_continuity.h). As a bound of skipped steps, half or
+// twice as many change no error.
 inline constexpr size_t kMaxNumSkipped = 7;
-
-// Motions are different beyond this many tolerances. With 1.5 and 3, 79 and 50
-// instead of 64 % of the wrong steps of 200 drives had a margin below 3, and
-// 1.9 and 1.0 instead of 1.3 % of the right ones.
-inline constexpr double kDistinct = 2.0;
 
 // Chooses one motion per step, or none, by dynamic programming.
 //
 // The *margin* of a step is the rise of the total cost if another motion is
-// chosen there, which differs by more than kDistinct tolerances, and all other
+// chosen there, which differs by more than twice the tolerance, and all other
 // steps are chosen anew. Costs are negative logarithms of probabilities, so
 // exp(-margin) is the ratio of the two probabilities. A candidate that differs
 // from the chosen motion only in its distance is no other motion if its matches

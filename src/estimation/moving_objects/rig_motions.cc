@@ -89,11 +89,7 @@ size_t CountRays(const std::vector<CameraPoints>& cameras) {
 struct Correspondences {
   std::vector<CameraPoints> cameras;
   bool has_later_points = false;
-  size_t num_verified_cameras = 0;
-
-  std::vector<CameraPoints> Verified() const {
-    return {cameras.begin(), cameras.begin() + num_verified_cameras};
-  }
+  size_t num_verified = 0;
 
   // The pose determined by correspondences is the pose of the other frame.
   Rigid3 ToMotion(const Rigid3& pose) const {
@@ -117,7 +113,7 @@ Correspondences Collect(const FrameMatches& input, bool has_later_points,
     }
   };
   collect(&ImagePair::matches);
-  collected.num_verified_cameras = collected.cameras.size();
+  collected.num_verified = CountRays(collected.cameras);
   collect(&ImagePair::outliers);
   return collected;
 }
@@ -179,8 +175,7 @@ void CountShares(const Correspondences& all, const MotionErrors& errors,
   const size_t num_all = CountRays(all.cameras);
   std::vector<size_t> num_agreeing(motions->size(), 0);
   std::vector<size_t> num_own(motions->size(), 0);
-  const size_t num_verified = CountRays(all.Verified());
-  size_t num_explained = num_verified;
+  size_t num_explained = all.num_verified;
   for (size_t k = 0; k < num_all; ++k) {
     bool is_explained = false;
     for (size_t h = 0; h < motions->size(); ++h) {
@@ -189,7 +184,7 @@ void CountShares(const Correspondences& all, const MotionErrors& errors,
       num_own[h] += is_explained ? 0 : 1;
       is_explained = true;
     }
-    num_explained += is_explained && k >= num_verified ? 1 : 0;
+    num_explained += is_explained && k >= all.num_verified ? 1 : 0;
   }
   const auto share = [num_explained](size_t number) {
     return static_cast<double>(number) / static_cast<double>(num_explained);
@@ -262,7 +257,7 @@ double ErrorRad(const Scene& scene, int image_idx, double error_px) {
 StepHypotheses FindRigMotions(const FrameMatches& matches, double max_error_px,
                               Random random) {
   const Correspondences all = CollectMost(matches, max_error_px);
-  const auto num_verified = static_cast<double>(CountRays(all.Verified()));
+  const auto num_verified = static_cast<double>(all.num_verified);
   RansacOptions ransac;
   ransac.max_num_trials = kMaxNumTrials;
   StepHypotheses motions;

@@ -12,6 +12,27 @@ std::vector<Match> AllMatches(const ImagePair& pair) {
   return matches;
 }
 
+std::vector<Match> OutliersOf(const std::vector<Match>& all_matches,
+                              const std::vector<Match>& inliers) {
+  std::vector<uint32_t> taken1, taken2;
+  for (const Match& match : inliers) {
+    taken1.push_back(match.keypoint_idx1);
+    taken2.push_back(match.keypoint_idx2);
+  }
+  std::sort(taken1.begin(), taken1.end());
+  std::sort(taken2.begin(), taken2.end());
+  std::vector<Match> outliers;
+  for (const Match& match : all_matches) {
+    if (!std::binary_search(taken1.begin(), taken1.end(),
+                            match.keypoint_idx1) &&
+        !std::binary_search(taken2.begin(), taken2.end(),
+                            match.keypoint_idx2)) {
+      outliers.push_back(match);
+    }
+  }
+  return outliers;
+}
+
 const ImagePair* FindPair(const ViewGraph& view_graph, int image_idx1,
                           int image_idx2) {
   const auto images_of = [](const ImagePair& pair) {

@@ -2,11 +2,9 @@
 #include "database/database_reader.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <cstring>
 #include <limits>
 #include <unordered_map>
-#include <unordered_set>
 
 #include "base/parallel.h"
 #include "base/ranges.h"
@@ -326,21 +324,6 @@ void ReadPairs(const Source& source, const DatabaseSelection& selection,
   }
 }
 
-// The matches of keypoints that no inlier has: a keypoint has one match.
-std::vector<Match> WithoutInliers(std::vector<Match> matches,
-                                  const std::vector<Match>& inliers) {
-  std::unordered_set<uint32_t> taken1, taken2;
-  for (const Match& match : inliers) {
-    taken1.insert(match.keypoint_idx1);
-    taken2.insert(match.keypoint_idx2);
-  }
-  EraseIf(&matches, [&](const Match& match) {
-    return taken1.count(match.keypoint_idx1) > 0 ||
-           taken2.count(match.keypoint_idx2) > 0;
-  });
-  return matches;
-}
-
 // Adds the other matches before verification to verified pairs, which are
 // ordered by id.
 void ReadOutliers(const Source& source, const ImageTable& images,
@@ -358,7 +341,7 @@ void ReadOutliers(const Source& source, const ImageTable& images,
     while (pair != pairs->end() && ids() < std::pair(id1, id2)) ++pair;
     if (pair == pairs->end()) break;
     if (ids() != std::pair(id1, id2) || pair->matches.empty()) continue;
-    pair->outliers = WithoutInliers(
+    pair->outliers = OutliersOf(
         DecodeMatches(row, source.database.path(), PairName(images, id1, id2)),
         pair->matches);
   }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/verified_pairs.h"
 
-#include <algorithm>
 #include <cstddef>
 #include <string>
 #include <utility>
@@ -54,9 +53,8 @@ void VerifyOutliers(const MapperOptions& options, const Context& context,
             ->outliers.size();
     all.push_back(std::move(pair));
   }
-  std::sort(all.begin(), all.end(), [](const ImagePair& a, const ImagePair& b) {
-    return std::pair(a.image_idx1, a.image_idx2) <
-           std::pair(b.image_idx1, b.image_idx2);
+  SortBy(&all, [](const ImagePair& pair) {
+    return std::pair(pair.image_idx1, pair.image_idx2);
   });
 }
 

@@ -126,23 +126,6 @@ void AddMismatches(double mismatch_ratio, size_t num_keypoints2, Random random,
   }
 }
 
-// `inliers` is a part of the matches, in the same order.
-std::vector<Match> WithoutInliers(const std::vector<Match>& matches,
-                                  const std::vector<Match>& inliers) {
-  std::vector<Match> outliers;
-  auto inlier = inliers.begin();
-  for (const Match& match : matches) {
-    if (inlier != inliers.end() &&
-        inlier->keypoint_idx1 == match.keypoint_idx1 &&
-        inlier->keypoint_idx2 == match.keypoint_idx2) {
-      ++inlier;
-    } else {
-      outliers.push_back(match);
-    }
-  }
-  return outliers;
-}
-
 const Eigen::Vector3d& Ray1(const Photographs& photographs, int image,
                             const Match& match) {
   return photographs.features[image].rays[match.keypoint_idx1];
@@ -206,7 +189,7 @@ std::optional<MadePair> PairMaker::Verify(
     return std::nullopt;
   }
   MadePair made = Finish(image1, image2, std::move(best));
-  made.pair.outliers = WithoutInliers(raw_matches, made.pair.matches);
+  made.pair.outliers = OutliersOf(raw_matches, made.pair.matches);
   return made;
 }
 
