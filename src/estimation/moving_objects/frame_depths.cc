@@ -166,6 +166,14 @@ std::optional<SensorPose> EstimateSensorPose(const MotionInput& input,
   return SensorPose{pose, DirectionSigmaRad(pooled, options, pose)};
 }
 
+// The smallest sine of the angle between the rays of a match with a depth.
+// Noise turns smaller angles into depths that are too short
+// (docs/results/constants.md).
+double MinSine(const Scene& scene, const ImagePair& pair, double noise_px) {
+  constexpr double kMinParallaxInSigmas = 3.0;
+  return kMinParallaxInSigmas * RayNoiseRad(scene, pair, noise_px);
+}
+
 // A point on both rays of a match: its distances from both cameras and the sine
 // of the angle between the rays.
 struct Intersection {
@@ -209,7 +217,7 @@ BaselineDirection MeasureDepths(const MotionInput& input,
                                 const std::vector<int>& first_keypoint,
                                 const SensorPair& sensor_pair,
                                 const Rigid3& sensor2_from_sensor1,
-                                double min_sine) {
+                                double noise_px) {
   BaselineDirection baseline;
   baseline.image_idx1 = sensor_pair.sensor_idx1;
   baseline.image_idx2 = sensor_pair.sensor_idx2;
@@ -219,7 +227,8 @@ BaselineDirection MeasureDepths(const MotionInput& input,
     ForEachIntersection(
         input.bearings, *pair,
         is_swapped ? sensor2_from_sensor1.Inverse() : sensor2_from_sensor1,
-        min_sine, [&](const Match& match, const Intersection& point) {
+        MinSine(input.scene, *pair, noise_px),
+        [&](const Match& match, const Intersection& point) {
           baseline.depths[is_swapped ? 1 : 0].push_back(
               {first_keypoint[pair->image_idx1] +
                    static_cast<int>(match.keypoint_idx1),
@@ -280,8 +289,8 @@ std::vector<std::optional<Rigid3>> PlaceSensors(
 
 // Intersects the matching rays of two images of one frame. A distance is
 // inversely proportional to the sine of the angle between the rays.
-void AddDepths(const MotionInput& input, const ImagePair& pair, double min_sine,
-               double noise_px, FrameDepths* depths) {
+void AddDepths(const MotionInput& input, const ImagePair& pair, double noise_px,
+               FrameDepths* depths) {
   const Scene& scene = input.scene;
   const int images[2] = {pair.image_idx1, pair.image_idx2};
   const auto& cam1_from_rig =
@@ -296,7 +305,8 @@ void AddDepths(const MotionInput& input, const ImagePair& pair, double min_sine,
     depths->relative_sigmas[image].resize(num_keypoints);
   }
   ForEachIntersection(
-      input.bearings, pair, *cam2_from_rig * cam1_from_rig->Inverse(), min_sine,
+      input.bearings, pair, *cam2_from_rig * cam1_from_rig->Inverse(),
+      MinSine(scene, pair, noise_px),
       [&](const Match& match, const Intersection& point) {
         const size_t keypoints[2] = {match.keypoint_idx1, match.keypoint_idx2};
         for (const int i : {0, 1}) {
@@ -389,11 +399,9 @@ std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
   return BaselineLength{length, std::sqrt(variance)};
 }
 
-FrameDepths MeasureFrameDepths(const MotionInput& input,
-                               const DepthOptions& options,
+FrameDepths MeasureFrameDepths(const MotionInput& input, double noise_px,
                                const Context& context) {
   const Scene& scene = input.scene;
-  const double min_sine = std::sin(DegToRad(options.min_parallax_deg));
   std::vector<int> first_keypoint;
   int num_keypoints = 0;
   for (const Image& image : scene.images) {
@@ -409,7 +417,7 @@ FrameDepths MeasureFrameDepths(const MotionInput& input,
     poses[i] = EstimateSensorPose(input, sensor_pairs[i], &random);
     if (!poses[i]) return;
     measured[i] = MeasureDepths(input, first_keypoint, sensor_pairs[i],
-                                poses[i]->sensor2_from_sensor1, min_sine);
+                                poses[i]->sensor2_from_sensor1, noise_px);
   });
   const PairScales scales =
       AverageScales(measured, static_cast<int>(scene.sensors.size()), context);
@@ -420,7 +428,7 @@ FrameDepths MeasureFrameDepths(const MotionInput& input,
       PlaceSensors(input.rotations, sensor_pairs, poses, scales);
   for (const SensorPair& sensor_pair : sensor_pairs) {
     for (const ImagePair* pair : sensor_pair.pairs) {
-      AddDepths(input, *pair, min_sine, options.noise_px, &depths);
+      AddDepths(input, *pair, noise_px, &depths);
     }
   }
   return depths;

@@ -78,7 +78,7 @@ struct MotionExclusion {
 inline constexpr double kContestingShare = 0.15;
 
 // The evidence about the motion between two frames of a sequence. Several
-// threads may call both functions at once.
+// threads may call all functions at once.
 struct MotionEvidence {
   std::function<StepHypotheses(int earlier_frame_idx, int later_frame_idx)>
       find;
@@ -86,6 +86,11 @@ struct MotionEvidence {
   std::function<MotionExclusion(int earlier_frame_idx, int later_frame_idx,
                                 const Rigid3& motion1, const Rigid3& motion2)>
       compare = {};
+  // The motion that the matches determine near another one. Without it,
+  // competing motions recur only as hypotheses.
+  std::function<std::optional<MeasuredMotion>(
+      int earlier_frame_idx, int later_frame_idx, const Rigid3& motion)>
+      refine = {};
 };
 
 // Whether the errors of a measurement are within the tolerance of motions that
@@ -141,9 +146,10 @@ struct Steps {
   std::vector<double> durations;
   MotionNoise noise;
   double longest_step = 0.0;  // of those that are tried
-  // Compares two motions of step k. If empty, motions that differ exclude each
-  // other.
+  // The functions of MotionEvidence for step k.
   std::function<MotionExclusion(size_t, const Rigid3&, const Rigid3&)> compare =
+      {};
+  std::function<std::optional<MeasuredMotion>(size_t, const Rigid3&)> refine =
       {};
 
   size_t size() const { return candidates.size(); }

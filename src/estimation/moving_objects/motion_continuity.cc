@@ -210,6 +210,11 @@ Steps MeasureSteps(const TemporalOrder& order, const std::vector<int>& sequence,
       return evidence.compare(sequence[k], sequence[k + 1], a, b);
     };
   }
+  if (evidence.refine) {
+    steps.refine = [&](size_t k, const Rigid3& motion) {
+      return evidence.refine(sequence[k], sequence[k + 1], motion);
+    };
+  }
   return steps;
 }
 

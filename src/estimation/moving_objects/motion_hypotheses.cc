@@ -265,6 +265,18 @@ StepHypotheses FindHypothesesByPairs(const MotionProblem& problem,
                              });
 }
 
+std::optional<MeasuredMotion> RefineByDepths(const MotionProblem& problem,
+                                             int earlier_frame_idx,
+                                             int later_frame_idx,
+                                             const Rigid3& later_from_earlier) {
+  const FramePair* frames =
+      problem.matches_index.Find(earlier_frame_idx, later_frame_idx);
+  if (frames == nullptr) return std::nullopt;
+  return RefineRigMotion(problem.MatchesOf(earlier_frame_idx, *frames),
+                         kDepthErrorFactor * problem.max_error_px,
+                         later_from_earlier);
+}
+
 StepHypotheses FindHypothesesByDepths(const MotionProblem& problem,
                                       uint64_t random_seed,
                                       int earlier_frame_idx,

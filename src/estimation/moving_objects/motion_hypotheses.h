@@ -70,6 +70,12 @@ inline constexpr double kKeypointNoise = 0.5;
 // Errors of depths add to those of keypoints.
 inline constexpr double kDepthErrorFactor = 2.0;
 
+// The motion that the matches between two frames with depth determine near
+// another one (rig_motions.h).
+[[nodiscard]] std::optional<MeasuredMotion> RefineByDepths(
+    const MotionProblem& problem, int earlier_frame_idx, int later_frame_idx,
+    const Rigid3& later_from_earlier);
+
 // Motions between two frames that correspondences with depth support, and those
 // of pairs of equal sensors whose places in the rig are known, without
 // distances.

@@ -469,6 +469,9 @@ MotionOfScene FindByDepths(MotionProblem problem,
       },
       [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
         return ExclusionOf(problem, earlier, later, a, b);
+      },
+      [&](int earlier, int later, const Rigid3& motion) {
+        return RefineByDepths(problem, earlier, later, motion);
       }};
   *path = FindRigPath(*problem.index.order(), problem.index.num_frames(),
                       evidence, context.num_threads);
@@ -526,8 +529,7 @@ MotionOfScene FindMovingObjects(const MotionInput& input,
                                 const Context& context) {
   const auto& [min_parallax_deg, verification, filtering] = options;
   FrameDepths depths = MeasureFrameDepths(
-      input, {min_parallax_deg, kKeypointNoise * verification.max_error_px},
-      context);
+      input, kKeypointNoise * verification.max_error_px, context);
   const bool has_depths =
       AnyOf(depths.cam_from_rig,
             [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });

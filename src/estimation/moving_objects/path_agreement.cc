@@ -187,12 +187,8 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
 std::optional<MeasuredMotion> RefineMotion(const MotionProblem& problem,
                                            const RigPath& path, int earlier,
                                            int later) {
-  const FramePair* frames = problem.matches_index.Find(earlier, later);
-  if (frames == nullptr) return std::nullopt;
   const Rigid3 expected = path.Between(earlier, later);
-  auto refined =
-      RefineRigMotion(problem.MatchesOf(earlier, *frames),
-                      kDepthErrorFactor * problem.max_error_px, expected);
+  auto refined = RefineByDepths(problem, earlier, later, expected);
   if (!refined || !path.AreSimilar(refined->later_from_earlier, expected) ||
       SupportByPairs(problem, path, earlier, later,
                      refined->later_from_earlier) <

@@ -13,8 +13,6 @@
 namespace mgsfm {
 namespace {
 
-constexpr double kMinParallaxDeg = 0.5;
-
 FrameDepths Measure(const Simulation& simulation, int num_threads = 1) {
   const Scene& scene = simulation.scene;
   const FramePairIndex index(scene, simulation.view_graph);
@@ -24,7 +22,7 @@ FrameDepths Measure(const Simulation& simulation, int num_threads = 1) {
   return MeasureFrameDepths(
       {scene, ComputeBearings(scene, scene.cameras, 1), index,
        simulation.view_graph, simulation.view_graph, rotations.estimate},
-      {kMinParallaxDeg, 1.0}, Threads(num_threads));
+      1.0, Threads(num_threads));
 }
 
 // The places of the sensors are those of the rig up to one factor. Side cameras

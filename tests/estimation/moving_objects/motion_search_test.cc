@@ -115,6 +115,54 @@ Steps StepsWithAFreeDirection(double unexplained) {
   return steps;
 }
 
+// An object that keeps its distance for two steps. Its few points leave a turn
+// and a shift open, so that its motions by both steps differ.
+Steps StepsWithAnObject() {
+  std::vector<StepHypotheses> hypotheses(
+      kNumSteps, StepHypotheses{{{Forward(1.0)}, 0.8, 0.8}});
+  for (const size_t k : {size_t{4}, size_t{5}}) {
+    const double angle_rad = DegToRad(k == 4 ? 4.0 : -4.0);
+    const Rigid3 of_object{Quaterniond(ExpSO3({0.0, angle_rad, 0.0})),
+                           {10.0 * angle_rad, 0.0, 0.0}};
+    hypotheses[k].push_back({{of_object}, 0.2, 0.2});
+  }
+  return MakeRegularSteps(hypotheses);
+}
+
+// Errors do not last, objects do: their matches show them in the next step.
+TEST(MotionSearchTest, AnObjectRecursByItsMatches) {
+  Steps steps = StepsWithAnObject();
+  steps.compare = [](size_t, const Rigid3&, const Rigid3&) {
+    return MotionExclusion{0.2, 0.2, 0};
+  };
+  EXPECT_FALSE(HasRivals(steps, 4));
+  std::vector<size_t> refined;
+  steps.refine = [&](size_t k, const Rigid3&) {
+    refined.push_back(k);
+    return std::optional<MeasuredMotion>({Rigid3()});
+  };
+  EXPECT_TRUE(HasRivals(steps, 4));
+  EXPECT_TRUE(HasRivals(steps, 5));
+  EXPECT_FALSE(HasRivals(steps, 3));
+  for (const size_t k : refined) EXPECT_TRUE(k >= 3 && k <= 6) << k;
+}
+
+// Matches that show the motion of the scene, or none, are no second motion.
+TEST(MotionSearchTest, MatchesOfTheSceneShowNoObject) {
+  Steps steps = StepsWithAnObject();
+  steps.compare = [](size_t, const Rigid3&, const Rigid3&) {
+    return MotionExclusion{0.2, 0.2, 0};
+  };
+  steps.refine = [](size_t, const Rigid3&) {
+    return std::optional<MeasuredMotion>({Forward(1.0)});
+  };
+  EXPECT_FALSE(HasRivals(steps, 4));
+  steps.refine = [](size_t, const Rigid3&) {
+    return std::optional<MeasuredMotion>();
+  };
+  EXPECT_FALSE(HasRivals(steps, 4));
+}
+
 // A direction whose matches leave the distance open is no rival of a motion
 // along it; one whose matches contradict the distance is.
 TEST(MotionSearchTest, AnOpenDistanceIsNoRival) {
