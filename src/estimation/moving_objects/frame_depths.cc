@@ -169,9 +169,12 @@ std::optional<SensorPose> EstimateSensorPose(const MotionInput& input,
 // The smallest sine of the angle between the rays of a match with a depth.
 // Noise turns smaller angles into depths that are too short
 // (docs/results/constants.md).
-double MinSine(const Scene& scene, const ImagePair& pair, double noise_px) {
-  constexpr double kMinParallaxInSigmas = 3.0;
-  return kMinParallaxInSigmas * RayNoiseRad(scene, pair, noise_px);
+double MinSine(const Scene& scene, const ImagePair& pair,
+               const DepthOptions& options) {
+  constexpr double kMinParallaxInSigmas = 2.0;
+  return std::max(
+      std::sin(DegToRad(options.min_parallax_deg)),
+      kMinParallaxInSigmas * RayNoiseRad(scene, pair, options.noise_px));
 }
 
 // A point on both rays of a match: its distances from both cameras and the sine
@@ -217,7 +220,7 @@ BaselineDirection MeasureDepths(const MotionInput& input,
                                 const std::vector<int>& first_keypoint,
                                 const SensorPair& sensor_pair,
                                 const Rigid3& sensor2_from_sensor1,
-                                double noise_px) {
+                                const DepthOptions& options) {
   BaselineDirection baseline;
   baseline.image_idx1 = sensor_pair.sensor_idx1;
   baseline.image_idx2 = sensor_pair.sensor_idx2;
@@ -227,7 +230,7 @@ BaselineDirection MeasureDepths(const MotionInput& input,
     ForEachIntersection(
         input.bearings, *pair,
         is_swapped ? sensor2_from_sensor1.Inverse() : sensor2_from_sensor1,
-        MinSine(input.scene, *pair, noise_px),
+        MinSine(input.scene, *pair, options),
         [&](const Match& match, const Intersection& point) {
           baseline.depths[is_swapped ? 1 : 0].push_back(
               {first_keypoint[pair->image_idx1] +
@@ -289,8 +292,8 @@ std::vector<std::optional<Rigid3>> PlaceSensors(
 
 // Intersects the matching rays of two images of one frame. A distance is
 // inversely proportional to the sine of the angle between the rays.
-void AddDepths(const MotionInput& input, const ImagePair& pair, double noise_px,
-               FrameDepths* depths) {
+void AddDepths(const MotionInput& input, const ImagePair& pair,
+               const DepthOptions& options, FrameDepths* depths) {
   const Scene& scene = input.scene;
   const int images[2] = {pair.image_idx1, pair.image_idx2};
   const auto& cam1_from_rig =
@@ -298,7 +301,7 @@ void AddDepths(const MotionInput& input, const ImagePair& pair, double noise_px,
   const auto& cam2_from_rig =
       depths->cam_from_rig[scene.images[images[1]].sensor_idx];
   if (!cam1_from_rig || !cam2_from_rig) return;
-  const double noise_rad = RayNoiseRad(scene, pair, noise_px);
+  const double noise_rad = RayNoiseRad(scene, pair, options.noise_px);
   for (const int image : images) {
     const size_t num_keypoints = scene.images[image].keypoints_px.size();
     depths->distances[image].resize(num_keypoints);
@@ -306,7 +309,7 @@ void AddDepths(const MotionInput& input, const ImagePair& pair, double noise_px,
   }
   ForEachIntersection(
       input.bearings, pair, *cam2_from_rig * cam1_from_rig->Inverse(),
-      MinSine(scene, pair, noise_px),
+      MinSine(scene, pair, options),
       [&](const Match& match, const Intersection& point) {
         const size_t keypoints[2] = {match.keypoint_idx1, match.keypoint_idx2};
         for (const int i : {0, 1}) {
@@ -399,7 +402,8 @@ std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
   return BaselineLength{length, std::sqrt(variance)};
 }
 
-FrameDepths MeasureFrameDepths(const MotionInput& input, double noise_px,
+FrameDepths MeasureFrameDepths(const MotionInput& input,
+                               const DepthOptions& options,
                                const Context& context) {
   const Scene& scene = input.scene;
   std::vector<int> first_keypoint;
@@ -417,7 +421,7 @@ FrameDepths MeasureFrameDepths(const MotionInput& input, double noise_px,
     poses[i] = EstimateSensorPose(input, sensor_pairs[i], &random);
     if (!poses[i]) return;
     measured[i] = MeasureDepths(input, first_keypoint, sensor_pairs[i],
-                                poses[i]->sensor2_from_sensor1, noise_px);
+                                poses[i]->sensor2_from_sensor1, options);
   });
   const PairScales scales =
       AverageScales(measured, static_cast<int>(scene.sensors.size()), context);
@@ -428,7 +432,7 @@ FrameDepths MeasureFrameDepths(const MotionInput& input, double noise_px,
       PlaceSensors(input.rotations, sensor_pairs, poses, scales);
   for (const SensorPair& sensor_pair : sensor_pairs) {
     for (const ImagePair* pair : sensor_pair.pairs) {
-      AddDepths(input, *pair, noise_px, &depths);
+      AddDepths(input, *pair, options, &depths);
     }
   }
   return depths;

@@ -22,6 +22,12 @@ struct MotionInput {
   const RotationEstimate& rotations;
 };
 
+struct DepthOptions {
+  // Smaller angles between rays may be errors of calibration and of times.
+  double min_parallax_deg = 0.0;
+  double noise_px = 0.0;  // the standard deviation of keypoints
+};
+
 // The poses of the sensors in their rig, and the depths of keypoints with
 // matches within frames, in an arbitrary unit of length.
 //
@@ -37,11 +43,11 @@ struct MotionInput {
 // (translation_averaging/scale_averaging.h). Sensors are placed along the
 // spanning tree of the most certain directions; the origin of a rig is one of
 // them. Sensors without a baseline to the others have no pose. Rays that
-// intersect at an angle below three standard deviations, with noise_px of a
-// keypoint, have no depth. Cost: linear in the matches within frames; parallel
+// intersect at less than the smallest parallax, or than two standard deviations
+// of noise, have no depth. Cost: linear in the matches within frames; parallel
 // over pairs of sensors.
 [[nodiscard]] FrameDepths MeasureFrameDepths(const MotionInput& input,
-                                             double noise_px,
+                                             const DepthOptions& options,
                                              const Context& context);
 
 // The length L of the baseline of a pair of images of two frames, by keypoints

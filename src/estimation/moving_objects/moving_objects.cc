@@ -529,7 +529,8 @@ MotionOfScene FindMovingObjects(const MotionInput& input,
                                 const Context& context) {
   const auto& [min_parallax_deg, verification, filtering] = options;
   FrameDepths depths = MeasureFrameDepths(
-      input, kKeypointNoise * verification.max_error_px, context);
+      input, {min_parallax_deg, kKeypointNoise * verification.max_error_px},
+      context);
   const bool has_depths =
       AnyOf(depths.cam_from_rig,
             [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });

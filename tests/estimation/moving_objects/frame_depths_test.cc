@@ -13,7 +13,8 @@
 namespace mgsfm {
 namespace {
 
-FrameDepths Measure(const Simulation& simulation, int num_threads = 1) {
+FrameDepths Measure(const Simulation& simulation, int num_threads = 1,
+                    const DepthOptions& options = {0.5, 1.0}) {
   const Scene& scene = simulation.scene;
   const FramePairIndex index(scene, simulation.view_graph);
   const EstimatedRotations rotations = EstimateRotations(
@@ -22,7 +23,7 @@ FrameDepths Measure(const Simulation& simulation, int num_threads = 1) {
   return MeasureFrameDepths(
       {scene, ComputeBearings(scene, scene.cameras, 1), index,
        simulation.view_graph, simulation.view_graph, rotations.estimate},
-      1.0, Threads(num_threads));
+      options, Threads(num_threads));
 }
 
 // The places of the sensors are those of the rig up to one factor. Side cameras
@@ -83,6 +84,26 @@ TEST(FrameDepths, DistancesScatterWithinTheirStandardDeviations) {
   }
   EXPECT_GT(num_distances, 1000);
   EXPECT_GT(num_within, 0.9 * num_distances);
+}
+
+// Points that are too far for the baseline have no depth, however small the
+// parallax may be.
+TEST(FrameDepths, DepthsAreSignificant) {
+  SimulationOptions options = StandardSimulation(RigPreset::kStereo);
+  options.num_frames = 10;
+  const Simulation simulation = Simulate(options);
+  for (const double noise_px : {1.0, 4.0}) {
+    const FrameDepths depths = Measure(simulation, 1, {0.01, noise_px});
+    int num_distances = 0;
+    for (size_t i = 0; i < depths.distances.size(); ++i) {
+      for (size_t k = 0; k < depths.distances[i].size(); ++k) {
+        if (!depths.distances[i][k]) continue;
+        ++num_distances;
+        EXPECT_LE(depths.relative_sigmas[i][k], 0.5 * (1.0 + 1e-9));
+      }
+    }
+    EXPECT_GT(num_distances, 100) << noise_px;
+  }
 }
 
 TEST(FrameDepths, ThreadsDoNotChangeABit) {
