@@ -169,12 +169,10 @@ std::optional<SensorPose> EstimateSensorPose(const MotionInput& input,
 // The smallest sine of the angle between the rays of a match with a depth.
 // Noise turns smaller angles into depths that are too short
 // (docs/results/constants.md).
-double MinSine(const Scene& scene, const ImagePair& pair,
-               const DepthOptions& options) {
+double MinSine(double noise_rad, double min_parallax_deg) {
   constexpr double kMinParallaxInSigmas = 2.0;
-  return std::max(
-      std::sin(DegToRad(options.min_parallax_deg)),
-      kMinParallaxInSigmas * RayNoiseRad(scene, pair, options.noise_px));
+  return std::max(std::sin(DegToRad(min_parallax_deg)),
+                  kMinParallaxInSigmas * noise_rad);
 }
 
 // A point on both rays of a match: its distances from both cameras and the sine
@@ -230,7 +228,8 @@ BaselineDirection MeasureDepths(const MotionInput& input,
     ForEachIntersection(
         input.bearings, *pair,
         is_swapped ? sensor2_from_sensor1.Inverse() : sensor2_from_sensor1,
-        MinSine(input.scene, *pair, options),
+        MinSine(RayNoiseRad(input.scene, *pair, options.noise_px),
+                options.min_parallax_deg),
         [&](const Match& match, const Intersection& point) {
           baseline.depths[is_swapped ? 1 : 0].push_back(
               {first_keypoint[pair->image_idx1] +
@@ -309,7 +308,7 @@ void AddDepths(const MotionInput& input, const ImagePair& pair,
   }
   ForEachIntersection(
       input.bearings, pair, *cam2_from_rig * cam1_from_rig->Inverse(),
-      MinSine(scene, pair, options),
+      MinSine(noise_rad, options.min_parallax_deg),
       [&](const Match& match, const Intersection& point) {
         const size_t keypoints[2] = {match.keypoint_idx1, match.keypoint_idx2};
         for (const int i : {0, 1}) {

@@ -23,7 +23,7 @@ struct MotionInput {
 };
 
 struct DepthOptions {
-  // Smaller angles between rays may be errors of calibration and of times.
+  // Smaller angles may be errors of calibration or of exposure times.
   double min_parallax_deg = 0.0;
   double noise_px = 0.0;  // the standard deviation of keypoints
 };
@@ -42,10 +42,10 @@ struct DepthOptions {
 // relate the lengths of the baselines
 // (translation_averaging/scale_averaging.h). Sensors are placed along the
 // spanning tree of the most certain directions; the origin of a rig is one of
-// them. Sensors without a baseline to the others have no pose. Rays that
-// intersect at less than the smallest parallax, or than two standard deviations
-// of noise, have no depth. Cost: linear in the matches within frames; parallel
-// over pairs of sensors.
+// them. Sensors without a baseline to the others have no pose. A match
+// has no depth if the angle between its rays is below min_parallax_deg or below
+// two standard deviations of its noise. Cost: linear in the matches within
+// frames; parallel over pairs of sensors.
 [[nodiscard]] FrameDepths MeasureFrameDepths(const MotionInput& input,
                                              const DepthOptions& options,
                                              const Context& context);

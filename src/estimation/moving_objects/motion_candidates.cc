@@ -385,47 +385,41 @@ bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
          ExcludeEachOther(steps, k, candidate, strongest);
 }
 
-// Whether the matches of a step show a motion like that of another step, and
-// exclude that it is the strongest motion. The motion is refined by them: few
-// points of an object determine only combinations of its turn and shift.
-bool IsShown(const Steps& steps, const Velocity& rival, size_t k,
-             const Candidate& strongest) {
-  if (!steps.refine || !steps.compare) return false;
-  const auto motion =
-      steps.refine(k, MotionOf(rival, steps.durations[k]).later_from_earlier);
-  return motion &&
-         !AreEqualMotions(
-             strongest.ClosestTo(motion->later_from_earlier.Center()), *motion,
-             steps.noise) &&
-         steps.compare(k, motion->later_from_earlier,
-                       steps.MotionOf(k, strongest).later_from_earlier)
-                 .share >= kContestingShare;
-}
-
 // Whether a competing motion continues in an adjacent step, since objects
-// persist and errors do not. It must compete there, too, explain the motion
-// there significantly better than the strongest motion, or be shown by the
-// matches there.
+// persist and errors do not. It must compete there, too, or explain the motion
+// there significantly better than the strongest motion.
 bool Continues(const Steps& steps, const Velocity& rival,
                const Velocity& strongest, size_t neighbor) {
-  if (neighbor >= steps.size() || steps.candidates[neighbor].empty()) {
-    return false;
-  }
+  if (!steps.HasCandidates(neighbor)) return false;
   const std::vector<Candidate>& candidates = steps.candidates[neighbor];
-  const Candidate& best = *Strongest(candidates);
   const auto change = [&](const Velocity& from, const Candidate& to) {
     return SquaredChange(from, steps.VelocityAfter(from.linear, neighbor, to),
                          steps.noise);
   };
-  return AnyOf(candidates,
-               [&](const Candidate& candidate) {
-                 const double of_rival = change(rival, candidate);
-                 return of_rival <= kMaxSquaredChange &&
-                        (change(strongest, candidate) >
-                             of_rival + kMaxSquaredChange ||
-                         IsRival(steps, neighbor, candidate, best));
-               }) ||
-         IsShown(steps, rival, neighbor, best);
+  return AnyOf(candidates, [&](const Candidate& candidate) {
+    const double of_rival = change(rival, candidate);
+    return of_rival <= kMaxSquaredChange &&
+           (change(strongest, candidate) > of_rival + kMaxSquaredChange ||
+            IsRival(steps, neighbor, candidate, *Strongest(candidates)));
+  });
+}
+
+// Whether matches of an adjacent step show a competing motion that continues.
+// They refine it: the few points of an object leave a turn and a shift open.
+bool IsShown(const Steps& steps, const Velocity& rival, size_t neighbor) {
+  if (!steps.refine || !steps.HasCandidates(neighbor)) return false;
+  const double duration = steps.durations[neighbor];
+  const auto motion =
+      steps.refine(neighbor, MotionOf(rival, duration).later_from_earlier);
+  if (!motion || SquaredChange(rival, VelocityOf(*motion, duration),
+                               steps.noise) > kMaxSquaredChange) {
+    return false;
+  }
+  const Candidate& strongest = *Strongest(steps.candidates[neighbor]);
+  return !AreEqualMotions(
+             strongest.ClosestTo(motion->later_from_earlier.Center()), *motion,
+             steps.noise) &&
+         IsRival(steps, neighbor, {MotionHypothesis{*motion}}, strongest);
 }
 
 // The distances to try for a step of this duration.
@@ -569,7 +563,8 @@ bool HasRivals(const Steps& steps, size_t k) {
                    steps.durations[k]);
     return IsRival(steps, k, candidate, strongest) &&
            (Continues(steps, rival, velocity, k - 1) ||
-            Continues(steps, rival, velocity, k + 1));
+            Continues(steps, rival, velocity, k + 1) ||
+            IsShown(steps, rival, k - 1) || IsShown(steps, rival, k + 1));
   });
 }
 

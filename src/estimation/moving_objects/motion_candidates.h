@@ -78,7 +78,7 @@ struct MotionExclusion {
 inline constexpr double kContestingShare = 0.15;
 
 // The evidence about the motion between two frames of a sequence. Several
-// threads may call all functions at once.
+// threads may call these functions at once.
 struct MotionEvidence {
   std::function<StepHypotheses(int earlier_frame_idx, int later_frame_idx)>
       find;
@@ -86,8 +86,8 @@ struct MotionEvidence {
   std::function<MotionExclusion(int earlier_frame_idx, int later_frame_idx,
                                 const Rigid3& motion1, const Rigid3& motion2)>
       compare = {};
-  // The motion that the matches determine near another one. Without it,
-  // competing motions recur only as hypotheses.
+  // The motion near `motion` that the matches determine; nullopt if too few
+  // agree. Without it, competing motions recur only as hypotheses.
   std::function<std::optional<MeasuredMotion>(
       int earlier_frame_idx, int later_frame_idx, const Rigid3& motion)>
       refine = {};
@@ -153,6 +153,10 @@ struct Steps {
       {};
 
   size_t size() const { return candidates.size(); }
+  // False for a step beside the sequence, too.
+  bool HasCandidates(size_t k) const {
+    return k < candidates.size() && !candidates[k].empty();
+  }
 
   // The duration of the `num_steps` steps up to step k.
   double Duration(size_t k, size_t num_steps) const;
@@ -173,7 +177,8 @@ Eigen::Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length);
 Steps MakeSteps(const std::vector<StepHypotheses>& measured,
                 std::vector<double> durations);
 
-// Whether a competing motion has support and also fits an adjacent frame pair.
+// Whether a competing motion has support and recurs in an adjacent step, as a
+// hypothesis or by the matches there.
 bool HasRivals(const Steps& steps, size_t k);
 
 // The candidates of a step, with one candidate for each distance to try if the

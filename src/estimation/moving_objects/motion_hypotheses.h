@@ -70,8 +70,8 @@ inline constexpr double kKeypointNoise = 0.5;
 // Errors of depths add to those of keypoints.
 inline constexpr double kDepthErrorFactor = 2.0;
 
-// The motion that the matches between two frames with depth determine near
-// another one (rig_motions.h).
+// The motion near `later_from_earlier` that matches with depth determine
+// (rig_motions.h). nullopt if too few agree.
 [[nodiscard]] std::optional<MeasuredMotion> RefineByDepths(
     const MotionProblem& problem, int earlier_frame_idx, int later_frame_idx,
     const Rigid3& later_from_earlier);

@@ -8,7 +8,6 @@
 
 #include "geometry/so3.h"
 #include "moving_objects/motion_candidates.h"
-#include "moving_objects/rig_motions.h"
 
 namespace mgsfm {
 namespace {

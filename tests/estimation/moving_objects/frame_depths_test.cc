@@ -86,24 +86,34 @@ TEST(FrameDepths, DistancesScatterWithinTheirStandardDeviations) {
   EXPECT_GT(num_within, 0.9 * num_distances);
 }
 
-// Points that are too far for the baseline have no depth, however small the
-// parallax may be.
+size_t NumDistances(const FrameDepths& depths) {
+  size_t number = 0;
+  for (const auto& distances : depths.distances) {
+    for (const auto& distance : distances) number += distance ? 1 : 0;
+  }
+  return number;
+}
+
+// Points that are too far for the baseline have no depth, however small
+// min_parallax_deg is.
 TEST(FrameDepths, DepthsAreSignificant) {
   SimulationOptions options = StandardSimulation(RigPreset::kStereo);
   options.num_frames = 10;
   const Simulation simulation = Simulate(options);
-  for (const double noise_px : {1.0, 4.0}) {
-    const FrameDepths depths = Measure(simulation, 1, {0.01, noise_px});
-    int num_distances = 0;
-    for (size_t i = 0; i < depths.distances.size(); ++i) {
-      for (size_t k = 0; k < depths.distances[i].size(); ++k) {
-        if (!depths.distances[i][k]) continue;
-        ++num_distances;
-        EXPECT_LE(depths.relative_sigmas[i][k], 0.5 * (1.0 + 1e-9));
+  const FrameDepths precise = Measure(simulation, 1, {0.01, 1.0});
+  const FrameDepths noisy = Measure(simulation, 1, {0.01, 4.0});
+  for (const FrameDepths* depths : {&precise, &noisy}) {
+    for (size_t i = 0; i < depths->distances.size(); ++i) {
+      for (size_t k = 0; k < depths->distances[i].size(); ++k) {
+        if (!depths->distances[i][k]) continue;
+        EXPECT_LE(depths->relative_sigmas[i][k], 0.5 * (1.0 + 1e-9));
       }
     }
-    EXPECT_GT(num_distances, 100) << noise_px;
   }
+  EXPECT_GT(NumDistances(noisy), 100u);
+  EXPECT_LT(NumDistances(noisy), NumDistances(precise));
+  EXPECT_LT(NumDistances(Measure(simulation, 1, {3.0, 1.0})),
+            NumDistances(precise));
 }
 
 TEST(FrameDepths, ThreadsDoNotChangeABit) {

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "base/random.h"
@@ -115,52 +117,63 @@ Steps StepsWithAFreeDirection(double unexplained) {
   return steps;
 }
 
-// An object that keeps its distance for two steps. Its few points leave a turn
-// and a shift open, so that its motions by both steps differ.
-Steps StepsWithAnObject() {
-  std::vector<StepHypotheses> hypotheses(
-      kNumSteps, StepHypotheses{{{Forward(1.0)}, 0.8, 0.8}});
-  for (const size_t k : {size_t{4}, size_t{5}}) {
-    const double angle_rad = DegToRad(k == 4 ? 4.0 : -4.0);
+// An object that keeps its distance from step `first` to the next one. Its few
+// points leave a turn and a shift open, so that both motions differ.
+Steps StepsWithAnObject(size_t first) {
+  std::vector<StepHypotheses> hypotheses;
+  std::vector<double> durations;
+  for (size_t k = 0; k < kNumSteps; ++k) {
+    durations.push_back(1.0 + 0.5 * static_cast<double>(k % 2));
+    hypotheses.push_back({{{Forward(durations[k])}, 0.8, 0.8}});
+  }
+  for (const size_t k : {first, first + 1}) {
+    const double angle_rad = DegToRad(k == first ? 4.0 : -4.0);
     const Rigid3 of_object{Quaterniond(ExpSO3({0.0, angle_rad, 0.0})),
                            {10.0 * angle_rad, 0.0, 0.0}};
     hypotheses[k].push_back({{of_object}, 0.2, 0.2});
   }
-  return MakeRegularSteps(hypotheses);
+  return MakeSteps(hypotheses, std::move(durations));
 }
 
-// Errors do not last, objects do: their matches show them in the next step.
-TEST(MotionSearchTest, AnObjectRecursByItsMatches) {
-  Steps steps = StepsWithAnObject();
+// Errors do not last, objects do: their matches show them in the next step,
+// with the velocity that they have.
+TEST(MotionCandidatesTest, AnObjectRecursByItsMatches) {
+  for (const size_t first : {size_t{0}, size_t{4}, kNumSteps - 2}) {
+    Steps steps = StepsWithAnObject(first);
+    double exclusion = 0.2;
+    steps.compare = [&](size_t k, const Rigid3&, const Rigid3&) {
+      return MotionExclusion{k == first ? 0.2 : exclusion, 0.0, 0};
+    };
+    EXPECT_FALSE(HasRivals(steps, first)) << first;
+    const Rigid3 object = steps.candidates[first].back().later_from_earlier;
+    const double ratio = steps.durations[first + 1] / steps.durations[first];
+    steps.refine = [&](size_t k, const Rigid3& motion) {
+      if (k != first + 1) return std::optional<MeasuredMotion>();
+      EXPECT_LT(
+          (LogSO3(motion.rotation) - ratio * LogSO3(object.rotation)).norm(),
+          1e-9);
+      return std::optional<MeasuredMotion>({motion});
+    };
+    EXPECT_TRUE(HasRivals(steps, first)) << first;
+    exclusion = 0.1;  // the matches do not tell it from the scene
+    EXPECT_FALSE(HasRivals(steps, first)) << first;
+  }
+}
+
+// Matches that show the motion of the scene, another one, or none, show no
+// object.
+TEST(MotionCandidatesTest, OtherMotionsShowNoObject) {
+  Steps steps = StepsWithAnObject(4);
   steps.compare = [](size_t, const Rigid3&, const Rigid3&) {
     return MotionExclusion{0.2, 0.2, 0};
   };
+  std::optional<MeasuredMotion> shown;
+  steps.refine = [&](size_t, const Rigid3&) { return shown; };
   EXPECT_FALSE(HasRivals(steps, 4));
-  std::vector<size_t> refined;
-  steps.refine = [&](size_t k, const Rigid3&) {
-    refined.push_back(k);
-    return std::optional<MeasuredMotion>({Rigid3()});
-  };
-  EXPECT_TRUE(HasRivals(steps, 4));
-  EXPECT_TRUE(HasRivals(steps, 5));
-  EXPECT_FALSE(HasRivals(steps, 3));
-  for (const size_t k : refined) EXPECT_TRUE(k >= 3 && k <= 6) << k;
-}
-
-// Matches that show the motion of the scene, or none, are no second motion.
-TEST(MotionSearchTest, MatchesOfTheSceneShowNoObject) {
-  Steps steps = StepsWithAnObject();
-  steps.compare = [](size_t, const Rigid3&, const Rigid3&) {
-    return MotionExclusion{0.2, 0.2, 0};
-  };
-  steps.refine = [](size_t, const Rigid3&) {
-    return std::optional<MeasuredMotion>({Forward(1.0)});
-  };
-  EXPECT_FALSE(HasRivals(steps, 4));
-  steps.refine = [](size_t, const Rigid3&) {
-    return std::optional<MeasuredMotion>();
-  };
-  EXPECT_FALSE(HasRivals(steps, 4));
+  for (const Rigid3& motion : {Forward(1.0), Forward(20.0)}) {
+    shown = MeasuredMotion{motion};
+    EXPECT_FALSE(HasRivals(steps, 4));
+  }
 }
 
 // A direction whose matches leave the distance open is no rival of a motion
