@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <map>
 #include <utility>
 #include <vector>
 
@@ -85,6 +86,41 @@ void SelectAll(const FramePairIndex& index,
   for (const size_t i : pair_idxs) skeleton->Select(i, index.Of(i));
 }
 
+// Of the loops between the same two components, leaves those of the place of
+// the strongest one. All pairs of the skeleton count as right, but loops of
+// several places can contradict each other and the neighbors between them.
+void KeepStrongestPlaces(const FramePairIndex& index,
+                         const std::vector<double>& strengths,
+                         UnionFind* components,
+                         std::vector<size_t>* pair_idxs) {
+  if (!index.is_sequence()) return;
+  const auto components_of = [&](const FramePair& frames) {
+    return std::minmax({components->Find(frames.frame_idx1),
+                        components->Find(frames.frame_idx2)});
+  };
+  std::map<std::pair<size_t, size_t>, size_t> strongest;
+  for (const size_t i : *pair_idxs) {
+    if (!index.IsLoop(index.Of(i))) continue;
+    const auto [it, is_new] = strongest.emplace(components_of(index.Of(i)), i);
+    if (!is_new && strengths[i] > strengths[it->second]) it->second = i;
+  }
+  const auto are_near = [&](int frame_idx1, int frame_idx2) {
+    return index.AreNeighbors({frame_idx1,
+                               frame_idx2,
+                               {},
+                               index.order()->Gap(frame_idx1, frame_idx2)});
+  };
+  EraseIf(pair_idxs, [&](size_t i) {
+    const FramePair& a = index.Of(i);
+    if (!index.IsLoop(a)) return false;
+    const FramePair& b = index.Of(strongest.at(components_of(a)));
+    return !(are_near(a.frame_idx1, b.frame_idx1) &&
+             are_near(a.frame_idx2, b.frame_idx2)) &&
+           !(are_near(a.frame_idx1, b.frame_idx2) &&
+             are_near(a.frame_idx2, b.frame_idx1));
+  });
+}
+
 // False if no pair with any strength leaves a component.
 bool ConnectComponents(const FramePairIndex& index,
                        const std::vector<double>& strengths,
@@ -110,6 +146,7 @@ bool ConnectComponents(const FramePairIndex& index,
       connecting.push_back(i);
     }
   }
+  KeepStrongestPlaces(index, strengths, &components, &connecting);
   SelectAll(index, connecting, skeleton);
   return !connecting.empty();
 }
@@ -128,6 +165,7 @@ void SelectPairsBetweenFrames(const FramePairIndex& index,
       strong.push_back(i);
     }
   }
+  KeepStrongestPlaces(index, strengths, &skeleton->components, &strong);
   SelectAll(index, strong, skeleton);
   while (ConnectComponents(index, strengths, options.min_connecting_strength,
                            skeleton)) {

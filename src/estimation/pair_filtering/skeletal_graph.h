@@ -32,7 +32,9 @@ namespace mgsfm {
 // runs on pairs of frames at most a fifth of its reach apart, then on all
 // neighbors, and other pairs only connect what is still apart. The few correct
 // pairs across a weak cut of the sequence thus decide it, not the many pairs of
-// a duplicate structure.
+// a duplicate structure. Loops (pairs of distant frames) connect two components
+// at one place only, that of the strongest loop: loops of several places can
+// contradict each other.
 //
 // Per pair; false where pair_is_used is false.
 [[nodiscard]] Mask SelectSkeletalGraph(const PairEvidence& evidence);

@@ -157,5 +157,29 @@ TEST(SkeletalGraph, NeighborsInTimeDecideWeakCutsOfASequence) {
   EXPECT_TRUE(unordered[first_wrong]);
 }
 
+// Loops at two places are all stronger than min_strength. Only those of the
+// strongest place join the two stretches.
+TEST(SkeletalGraph, LoopsOfOnePlaceJoinStretchesOfASequence) {
+  const Scene scene = MakeScene(40);
+  ViewGraph view_graph;
+  for (const int begin : {0, 20}) {
+    for (int i = begin; i + 1 < begin + 20; ++i) {
+      AddPair(i, i + 1, 100, &view_graph);
+    }
+  }
+  const size_t first_loop = view_graph.pairs.size();
+  AddPair(15, 35, 80, &view_graph);
+  AddPair(4, 24, 90, &view_graph);
+  AddPair(5, 25, 95, &view_graph);
+  AddPair(25, 4, 70, &view_graph);
+  const Mask selected = Select(scene, view_graph, SequenceMode::kYes);
+  EXPECT_FALSE(selected[first_loop]);
+  EXPECT_TRUE(selected[first_loop + 1]);
+  EXPECT_TRUE(selected[first_loop + 2]);
+  EXPECT_TRUE(selected[first_loop + 3]);
+  const Mask unordered = Select(scene, view_graph);
+  EXPECT_TRUE(unordered[first_loop]);
+}
+
 }  // namespace
 }  // namespace mgsfm
