@@ -86,9 +86,9 @@ void SelectAll(const FramePairIndex& index,
   for (const size_t i : pair_idxs) skeleton->Select(i, index.Of(i));
 }
 
-// Of the loops between the same two components, leaves those of the place of
-// the strongest one. All pairs of the skeleton count as right, but loops of
-// several places can contradict each other and the neighbors between them.
+// Erases the loops between two components that show another place than the
+// strongest one. All pairs of the skeleton count as right, but loops of several
+// places can contradict each other and the neighbors between them.
 void KeepStrongestPlaces(const FramePairIndex& index,
                          const std::vector<double>& strengths,
                          UnionFind* components,

@@ -176,6 +176,25 @@ TEST(MotionCandidatesTest, OtherMotionsShowNoObject) {
   }
 }
 
+// An image pair that leaves the distance open explains every motion along its
+// direction.
+TEST(MotionCandidatesTest, AnOpenDistanceShowsNoObject) {
+  Steps steps = StepsWithAnObject(4);
+  steps.candidates[4].back().later_from_earlier = Forward(3.0);
+  MotionHypothesis free{{Forward(0.0)}, 0.8, 0.8};
+  free.free_direction = Vector3d::UnitZ();
+  steps.candidates[5] = {Candidate{free}};
+  steps.compare = [](size_t, const Rigid3&, const Rigid3&) {
+    return MotionExclusion{0.2, 0.2, 0};
+  };
+  steps.refine = [](size_t k, const Rigid3& motion) {
+    return k == 5 ? std::optional<MeasuredMotion>({motion}) : std::nullopt;
+  };
+  EXPECT_FALSE(HasRivals(steps, 4));
+  steps.candidates[5] = {Candidate{{{Forward(1.5)}, 0.8, 0.8}}};
+  EXPECT_TRUE(HasRivals(steps, 4));
+}
+
 // A direction whose matches leave the distance open is no rival of a motion
 // along it; one whose matches contradict the distance is.
 TEST(MotionSearchTest, AnOpenDistanceIsNoRival) {
