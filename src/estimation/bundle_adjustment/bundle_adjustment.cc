@@ -17,11 +17,17 @@ namespace mgsfm {
 namespace {
 
 SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
-                          const Context& context, BuiltProblem* built) {
+                          bool minimizes_points, const Context& context,
+                          BuiltProblem* built) {
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = options.function_tolerance;
+  solver_options.minimizes_points =
+      minimizes_points &&
+      std::all_of(
+          built->problem.cameras.begin(), built->problem.cameras.end(),
+          [](const auto& camera) { return camera.free_params.empty(); });
   if (options.saves_memory) {
     solver_options.reduced_solver = ReducedSolver::kIterative;
   }
@@ -37,11 +43,13 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
 }  // namespace
 
 bool SolveOnce(const Scene& scene, const RefinementConditions& conditions,
-               const BundleAdjustmentOptions& options, RefinedParts parts,
+               const BundleAdjustmentOptions& options, SolveMode mode,
                const Context& context, BundleResult* result) {
-  BuiltProblem built = BuildProblem(scene, result->estimate, options, parts,
-                                    conditions.priors, conditions.fixed);
-  SolveSummary summary = SolveProblem(options, context, &built);
+  BuiltProblem built =
+      BuildProblem(scene, result->estimate, options, mode.parts,
+                   conditions.priors, conditions.fixed);
+  SolveSummary summary =
+      SolveProblem(options, mode.minimizes_points, context, &built);
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
   result->summary.num_invisible_observations = built.num_invisible_observations;
@@ -128,8 +136,7 @@ BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const FixedPoses& fixed) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, {priors, fixed}, options, RefinedParts::kAll, context,
-            &result);
+  SolveOnce(scene, {priors, fixed}, options, {}, context, &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);
   return result;

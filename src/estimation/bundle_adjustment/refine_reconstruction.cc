@@ -58,7 +58,7 @@ Context ContextOfSolve(const RefinementInput& input,
   return context;
 }
 
-bool Solve(const RefinementInput& input, RefinedParts parts,
+bool Solve(const RefinementInput& input, SolveMode mode,
            double function_tolerance, BundleResult* result) {
   BundleSummary& summary = result->summary;
   BundleAdjustmentOptions options = input.options;
@@ -67,9 +67,8 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
     options.loss_scale_px =
         LossScalePx(input.options, summary.rounds.back().sigma_px);
   }
-  const bool is_usable =
-      SolveOnce(input.scene, input.conditions, options, parts,
-                ContextOfSolve(input, summary), result);
+  const bool is_usable = SolveOnce(input.scene, input.conditions, options, mode,
+                                   ContextOfSolve(input, summary), result);
   const SolveSummary& solve = summary.solves.back();
   input.context.Debug(Formatted(
       "solve %zu: %d iterations, cost %.6g to %.6g, %s", summary.solves.size(),
@@ -219,12 +218,13 @@ bool RunStep(const RefinementInput& input, int step,
   const double rough_tolerance =
       std::min(1.0, kRoughToleranceFactor * options.function_tolerance);
   if (step == 0) {
-    return Solve(input, RefinedParts::kTranslations, rough_tolerance, result);
+    return Solve(input, {RefinedParts::kTranslations}, rough_tolerance, result);
   }
   if (step > options.num_rounds) {
-    return Solve(input, RefinedParts::kAll, options.function_tolerance, result);
+    return Solve(input, {RefinedParts::kAll, /*minimizes_points=*/true},
+                 options.function_tolerance, result);
   }
-  if (!Solve(input, RefinedParts::kAll, rough_tolerance, result)) return false;
+  if (!Solve(input, {}, rough_tolerance, result)) return false;
   RetriangulatePoints(input, options.num_rounds - step,
                       std::exchange(*short_tracks, {}), result);
   return true;

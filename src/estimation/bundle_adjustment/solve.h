@@ -11,10 +11,17 @@ namespace mgsfm {
 
 // Steps shared by AdjustBundle, RefineReconstruction and EstimateSoftRig.
 
+struct SolveMode {
+  RefinedParts parts = RefinedParts::kAll;
+  // See rig_solver.h. Unless intrinsics are refined: they may be far from the
+  // optimum.
+  bool minimizes_points = false;
+};
+
 // Solves the problem of the estimate and appends to the summary. Returns false,
 // and does not change the estimate, if the solve fails.
 bool SolveOnce(const Scene& scene, const RefinementConditions& conditions,
-               const BundleAdjustmentOptions& options, RefinedParts parts,
+               const BundleAdjustmentOptions& options, SolveMode mode,
                const Context& context, BundleResult* result);
 
 // The point filter for this bound on reprojection errors.

@@ -11,6 +11,11 @@ namespace {
 // ratio of these factors for consecutive such steps.
 constexpr double kShrinkage = 1.0 / 3.0;
 
+// The tolerance of points in tolerances of the cost. Points move slowly where
+// the loss is flat: the decrease that follows there is a hundred times what a
+// step predicts (docs/results/constants.md).
+constexpr double kPointTolerance = 1e-3;
+
 class LevenbergMarquardt {
  public:
   LevenbergMarquardt(const RigSolverOptions& options, int max_num_iterations,
@@ -83,15 +88,18 @@ class LevenbergMarquardt {
   }
 
   void Accept(double new_cost, double ratio) {
-    const double relative_decrease = (cost_ - new_cost) / cost_;
-    share_ = std::max(share_, std::log(relative_decrease) /
-                                  std::log(options_.function_tolerance));
-    const bool is_converged =
-        cost_ - new_cost <= options_.function_tolerance * cost_;
+    const double old_cost = cost_;
     problem_.AcceptStep();
     cost_ = new_cost;
+    if (options_.minimizes_points) {
+      cost_ = problem_.MinimizePoints(
+          new_cost, kPointTolerance * options_.function_tolerance * new_cost);
+    }
+    const double relative_decrease = (old_cost - cost_) / old_cost;
+    share_ = std::max(share_, std::log(relative_decrease) /
+                                  std::log(options_.function_tolerance));
     Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
-    if (is_converged || cost_ == 0.0) {
+    if (relative_decrease <= options_.function_tolerance || cost_ == 0.0) {
       Finish(Termination::kConverged,
              "The relative change of the cost is small.");
     }
@@ -143,6 +151,8 @@ class LevenbergMarquardt {
 };
 
 }  // namespace
+
+double DampedProblem::MinimizePoints(double cost, double) { return cost; }
 
 SolveSummary MinimizeByLevenbergMarquardt(const RigSolverOptions& options,
                                           int max_num_iterations,

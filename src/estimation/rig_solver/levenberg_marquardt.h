@@ -30,6 +30,10 @@ class DampedProblem {
   // Evaluates the state after the step.
   virtual TrialStep TryStep() = 0;
   virtual void AcceptStep() = 0;
+  // Minimizes over the points with all other unknowns constant, until further
+  // steps predict a decrease of at most `tolerance` in total. `cost` is that of
+  // the state; returns the new one. By default, there are no points.
+  virtual double MinimizePoints(double cost, double tolerance);
 };
 
 // The trust-region loop of all rig problems; see rig_solver.h for its rules.

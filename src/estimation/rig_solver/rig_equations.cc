@@ -92,18 +92,32 @@ void RigEquationsBase::GetState(RigState* state) {
   }
 }
 
-double RigEquationsBase::Cost() {
+template <class CostOfPoints>
+double RigEquationsBase::SumCosts(const CostOfPoints& cost_of_points) {
   ParallelFor(
       chunk_costs_.size(), context_.num_threads,
-      [this](size_t c) {
+      [&](size_t c) {
         const ChunkRanges& chunk = structure_.chunks[c];
-        chunk_costs_[c] = CostOfChunk(chunk) + CostOfTerms(Terms(), chunk);
+        chunk_costs_[c] = cost_of_points(chunk) + CostOfTerms(Terms(), chunk);
       },
       1);
   double cost =
       CostOfLinearTerms(problem_, state_) + CostOfPosePriors(problem_, state_);
   for (const double chunk_cost : chunk_costs_) cost += chunk_cost;
   return cost;
+}
+
+double RigEquationsBase::Cost() {
+  return SumCosts([&](const ChunkRanges& chunk) { return CostOfChunk(chunk); });
+}
+
+double RigEquationsBase::MinimizePoints(double cost, double tolerance) {
+  if (!problem_.points_are_free || points_.empty()) return cost;
+  const double tolerance_of_point =
+      tolerance / static_cast<double>(points_.size());
+  return SumCosts([&](const ChunkRanges& chunk) {
+    return MinimizeChunk(chunk, tolerance_of_point);
+  });
 }
 
 bool RigEquationsBase::Linearize(double lambda) {

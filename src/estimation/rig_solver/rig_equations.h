@@ -44,6 +44,7 @@ class RigEquationsBase : public DampedProblem {
   void GetState(RigState* state);
 
   double Cost() override;
+  double MinimizePoints(double cost, double tolerance) override;
   bool Linearize(double lambda) override;
   bool Solve() override;
   TrialStep TryStep() override;
@@ -68,6 +69,8 @@ class RigEquationsBase : public DampedProblem {
  protected:
   // The passes over one chunk; see schur_passes.h.
   virtual double CostOfChunk(const ChunkRanges& chunk) const = 0;
+  // Returns the cost after minimization over the points.
+  virtual double MinimizeChunk(const ChunkRanges& chunk, double tolerance) = 0;
   virtual bool LinearizeChunk(const ChunkRanges& chunk,
                               SchurWorkspace* workspace) = 0;
   virtual StepSums StepChunk(const ChunkRanges& chunk) = 0;
@@ -83,6 +86,9 @@ class RigEquationsBase : public DampedProblem {
   ImageSteps steps_;
 
  private:
+  // Adds the terms without points to a function of chunks.
+  template <class CostOfPoints>
+  double SumCosts(const CostOfPoints& cost_of_points);
   void MergeSystem(const ChunkRanges& chunk, size_t section,
                    const SchurWorkspace& workspace);
   void MergeVectors(const ChunkRanges& chunk, const SchurWorkspace& workspace);
@@ -118,6 +124,7 @@ class RigEquations : public RigEquationsBase {
 
  protected:
   double CostOfChunk(const ChunkRanges& chunk) const override;
+  double MinimizeChunk(const ChunkRanges& chunk, double tolerance) override;
   bool LinearizeChunk(const ChunkRanges& chunk,
                       SchurWorkspace* workspace) override;
   StepSums StepChunk(const ChunkRanges& chunk) override;

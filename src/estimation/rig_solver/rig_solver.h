@@ -35,6 +35,12 @@ enum class ReducedSolver {
 // is invisible after the step. Single points therefore do not block the others.
 // Every observation must be visible at the start.
 //
+// Points. With `minimizes_points`, each point is minimized by itself after each
+// accepted step, with all other unknowns constant (embedded point iterations).
+// Under a robust loss, points converge slowly by joint steps. Not for poses or
+// intrinsics far from the optimum: points would fit them, and reject the
+// observations that contradict them.
+//
 // Stopping criteria. kConverged if
 //   |step| <= parameter_tolerance (|state| + parameter_tolerance)    or
 //   an accepted step has cost - new cost <= function_tolerance cost  or
@@ -54,6 +60,7 @@ struct RigSolverOptions {
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
+  bool minimizes_points = false;  // native backend
 };
 
 // Solves a problem repeatedly. The structure is analyzed once; between solves,

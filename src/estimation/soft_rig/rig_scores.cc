@@ -29,6 +29,10 @@ using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 constexpr int kColumns = RigScores::kNumColumns;
 
+// Sums over rows are contiguous.
+using Rows =
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
 // The derivatives of one observation, weighted by the loss.
 struct Linearized {
   int frame = 0;
@@ -51,11 +55,30 @@ struct ScoreColumns {
   int count = 0;
 };
 
-// Sums over the points of a part.
+// Sums over the points of a part; of symmetric matrices, the lower triangle.
 struct Sums {
-  MatrixXd rhs, scores, noise, noise_of_points;
-  std::vector<MatrixXd> information;  // per block
+  Sums(int num_unknowns, int num_columns, int num_blocks)
+      : rhs(Rows::Zero(num_unknowns, num_columns + 1)),
+        noise(Rows::Zero(num_columns, num_columns)),
+        noise_of_points(noise),
+        scores(MatrixXd::Zero(num_columns, num_blocks)),
+        information(num_blocks, noise),
+        shift(3, num_columns + 1),
+        of_observation(num_columns),
+        of_point(num_columns) {}
+
+  Rows rhs, noise, noise_of_points;
+  MatrixXd scores;
+  std::vector<Rows> information;  // per block
   double weight = 0.0, squared_weight = 0.0;
+
+  // Of the current point: its observations; the derivatives of their residuals
+  // with respect to the columns, two rows each, with the residuals in the last
+  // column; the motion of the point; and scores.
+  std::vector<Linearized> observations;
+  std::vector<double> derivatives;
+  Rows shift;
+  VectorXd of_observation, of_point;
 };
 
 Vector2d PrincipalPoint(const Camera& camera) {
@@ -87,13 +110,14 @@ class ScoreBuilder {
   void LinearizeColumns(const PixelObservation& observation, const Vector3d& y,
                         const Eigen::Matrix<double, 2, 3>& J,
                         Linearized* result) const;
-  std::vector<Linearized> LinearizePoint(size_t point) const;
-  // Calls add(observations, derivatives with respect to the columns) for each
-  // point, which absorbs a part of the derivatives, and merges the sums.
+  void LinearizePoint(size_t point,
+                      std::vector<Linearized>* observations) const;
+  Eigen::Map<Rows> SetRows(Sums* sums) const;
+  // Calls add(sums) for the observations of each point, and merges the sums.
   template <class Add>
   Sums Sum(const Sums& zero, const Add& add) const;
-  void AddRhs(const std::vector<Linearized>& observations, Sums* sums) const;
-  void AddScores(const std::vector<Linearized>& observations, Sums* sums) const;
+  void AddRhs(Sums* sums) const;
+  void AddScores(Sums* sums) const;
   int FirstRow(int block) const {
     return equations_.structure().block_first[block];
   }
@@ -106,7 +130,7 @@ class ScoreBuilder {
   RigEquations<PixelResidual> equations_;
   const int num_columns_;
   std::vector<ImagePose> poses_;
-  MatrixXd solution_;  // of the frames
+  Rows solution_;  // of the frames
 };
 
 bool ScoreBuilder::Linearize(size_t observation, const Vector3d& point,
@@ -173,20 +197,19 @@ void ScoreBuilder::LinearizeColumns(const PixelObservation& o,
       rig_.estimates_delays ? of_time : Vector2d::Zero();
 }
 
-std::vector<Linearized> ScoreBuilder::LinearizePoint(size_t point) const {
+void ScoreBuilder::LinearizePoint(size_t point,
+                                  std::vector<Linearized>* observations) const {
   const BundleProblem& problem = built_.problem;
   const size_t begin = problem.point_begin[point];
   const size_t end = problem.point_begin[point + 1];
   const RobustLoss loss = problem.LossOfPoint(end - begin);
-  std::vector<Linearized> observations;
-  observations.reserve(end - begin);
+  observations->clear();
   for (size_t o = begin; o < end; ++o) {
     Linearized linearized;
     if (Linearize(o, built_.state.points[point], loss, &linearized)) {
-      observations.push_back(std::move(linearized));
+      observations->push_back(linearized);
     }
   }
-  return observations;
 }
 
 template <class Add>
@@ -198,7 +221,8 @@ Sums ScoreBuilder::Sum(const Sums& zero, const Add& add) const {
       [&](size_t part) {
         const size_t end = num_points * (part + 1) / kNumParts;
         for (size_t p = num_points * part / kNumParts; p < end; ++p) {
-          add(LinearizePoint(p), &parts[part]);
+          LinearizePoint(p, &parts[part].observations);
+          add(&parts[part]);
         }
       },
       1);
@@ -216,86 +240,109 @@ Sums ScoreBuilder::Sum(const Sums& zero, const Add& add) const {
   return std::move(parts[0]);
 }
 
-// Sets the derivatives and, in the last column, the residual.
-void SetColumns(const Linearized& o, Eigen::Ref<MatrixXd> rows) {
-  rows.rightCols<1>() = o.residual;
-  if (o.first_column >= 0) {
-    rows.middleCols<kColumns>(o.first_column) = o.of_sensor;
+Eigen::Map<Rows> ScoreBuilder::SetRows(Sums* sums) const {
+  const size_t num_rows = 2 * sums->observations.size();
+  sums->derivatives.assign(num_rows * (num_columns_ + 1), 0.0);
+  Eigen::Map<Rows> e(sums->derivatives.data(),
+                     static_cast<Eigen::Index>(num_rows), num_columns_ + 1);
+  for (size_t i = 0; i < sums->observations.size(); ++i) {
+    const Linearized& o = sums->observations[i];
+    auto rows = e.middleRows<2>(2 * i);
+    rows.rightCols<1>() = o.residual;
+    if (o.first_column >= 0) {
+      rows.middleCols<kColumns>(o.first_column) = o.of_sensor;
+    }
+    if (o.focal_column >= 0) rows.col(o.focal_column) = o.of_focal;
+    if (o.readout_column >= 0) rows.col(o.readout_column) = o.of_readout;
   }
-  if (o.focal_column >= 0) rows.col(o.focal_column) = o.of_focal;
-  if (o.readout_column >= 0) rows.col(o.readout_column) = o.of_readout;
+  return e;
 }
 
-// Removes from the derivatives `e` of the observations of a point (2 rows each)
-// the part that the motion of the point absorbs.
-void RemovePoint(const std::vector<Linearized>& observations, MatrixXd* e) {
+// Removes the part of the derivatives that the motion of the point absorbs.
+void RemovePoint(Sums* sums, Eigen::Map<Rows>* e) {
   Matrix3d V = Matrix3d::Zero();
-  MatrixXd shift = MatrixXd::Zero(3, e->cols());
-  for (size_t i = 0; i < observations.size(); ++i) {
-    const auto& P = observations[i].point;
+  Rows& shift = sums->shift;
+  shift.setZero();
+  for (size_t i = 0; i < sums->observations.size(); ++i) {
+    const auto& P = sums->observations[i].point;
     V += P.transpose() * P;
-    shift += P.transpose() * e->middleRows<2>(2 * i);
+    for (int d = 0; d < 2; ++d) {
+      for (int k = 0; k < 3; ++k) {
+        shift.row(k) += P(d, k) * e->row(2 * i + d);
+      }
+    }
   }
   V.diagonal() *= 1.0 + kCovarianceDamping;
-  shift = V.ldlt().solve(shift).eval();
-  for (size_t i = 0; i < observations.size(); ++i) {
-    e->middleRows<2>(2 * i) -= observations[i].point * shift;
-  }
-}
-
-void ScoreBuilder::AddRhs(const std::vector<Linearized>& observations,
-                          Sums* sums) const {
-  const auto size = static_cast<Eigen::Index>(2 * observations.size());
-  MatrixXd e = MatrixXd::Zero(size, num_columns_ + 1);
-  for (size_t i = 0; i < observations.size(); ++i) {
-    const Linearized& o = observations[i];
-    SetColumns(o, e.middleRows<2>(2 * i));
-  }
-  RemovePoint(observations, &e);
-  const RigStructure& s = equations_.structure();
-  for (size_t i = 0; i < observations.size(); ++i) {
-    const Linearized& o = observations[i];
-    const auto rows = e.middleRows<2>(2 * i);
-    if (const int block = s.frame_block[o.frame]; block != kNoBlock) {
-      sums->rhs.middleRows(FirstRow(block), s.pose_size) +=
-          o.of_frame.rightCols(s.pose_size).transpose() * rows;
+  const Matrix3d inverse = V.ldlt().solve(Matrix3d::Identity());
+  for (size_t i = 0; i < sums->observations.size(); ++i) {
+    const Eigen::Matrix<double, 2, 3> of_shift =
+        sums->observations[i].point * inverse;
+    for (int d = 0; d < 2; ++d) {
+      for (int k = 0; k < 3; ++k) {
+        e->row(2 * i + d) -= of_shift(d, k) * shift.row(k);
+      }
     }
   }
 }
 
-void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
-                             Sums* sums) const {
-  const auto size = static_cast<Eigen::Index>(2 * observations.size());
+// The lower triangle of matrix += x x^T.
+template <class Row>
+void AddSquare(const Row& x, Rows* matrix) {
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    matrix->row(i).head(i + 1) += x[i] * x.head(i + 1);
+  }
+}
+
+void ScoreBuilder::AddRhs(Sums* sums) const {
+  Eigen::Map<Rows> e = SetRows(sums);
+  RemovePoint(sums, &e);
   const RigStructure& s = equations_.structure();
-  MatrixXd e = MatrixXd::Zero(size, num_columns_ + 1);
-  for (size_t i = 0; i < observations.size(); ++i) {
-    const Linearized& o = observations[i];
-    auto rows = e.middleRows<2>(2 * i);
-    SetColumns(o, rows);
-    if (const int block = s.frame_block[o.frame]; block != kNoBlock) {
-      rows -= o.of_frame.rightCols(s.pose_size) *
-              solution_.middleRows(FirstRow(block), s.pose_size);
+  for (size_t i = 0; i < sums->observations.size(); ++i) {
+    const Linearized& o = sums->observations[i];
+    const int block = s.frame_block[o.frame];
+    if (block == kNoBlock) continue;
+    for (int d = 0; d < 2; ++d) {
+      for (int k = 0; k < s.pose_size; ++k) {
+        sums->rhs.row(FirstRow(block) + k) +=
+            o.of_frame(d, 6 - s.pose_size + k) * e.row(2 * i + d);
+      }
     }
   }
-  RemovePoint(observations, &e);
-  const auto columns = e.leftCols(num_columns_);
-  VectorXd of_point = VectorXd::Zero(num_columns_);
-  for (size_t i = 0; i < observations.size(); ++i) {
-    const Linearized& o = observations[i];
+}
+
+void ScoreBuilder::AddScores(Sums* sums) const {
+  Eigen::Map<Rows> e = SetRows(sums);
+  const RigStructure& s = equations_.structure();
+  for (size_t i = 0; i < sums->observations.size(); ++i) {
+    const Linearized& o = sums->observations[i];
+    const int block = s.frame_block[o.frame];
+    if (block == kNoBlock) continue;
+    for (int d = 0; d < 2; ++d) {
+      for (int k = 0; k < s.pose_size; ++k) {
+        e.row(2 * i + d) -= o.of_frame(d, 6 - s.pose_size + k) *
+                            solution_.row(FirstRow(block) + k);
+      }
+    }
+  }
+  RemovePoint(sums, &e);
+  sums->of_point.setZero();
+  for (size_t i = 0; i < sums->observations.size(); ++i) {
+    const Linearized& o = sums->observations[i];
     const int block = rig_.block_of_frame[built_.frame_idxs[o.frame]];
-    const auto rows = columns.middleRows<2>(2 * i);
-    const VectorXd score =
-        rows.transpose() * e.block<2, 1>(2 * i, num_columns_);
-    sums->information[block].selfadjointView<Eigen::Lower>().rankUpdate(
-        rows.transpose());
-    sums->scores.col(block) += score;
-    of_point += score;
-    sums->noise.selfadjointView<Eigen::Lower>().rankUpdate(score);
+    sums->of_observation.setZero();
+    for (int d = 0; d < 2; ++d) {
+      const auto row = e.row(2 * i + d);
+      AddSquare(row.head(num_columns_), &sums->information[block]);
+      sums->of_observation += row[num_columns_] * row.head(num_columns_);
+    }
+    sums->scores.col(block) += sums->of_observation;
+    sums->of_point += sums->of_observation;
+    AddSquare(sums->of_observation, &sums->noise);
     sums->weight += o.weight;
     // The derivative of the Cauchy loss, averaged over both directions.
     sums->squared_weight += o.weight * o.weight;
   }
-  sums->noise_of_points.selfadjointView<Eigen::Lower>().rankUpdate(of_point);
+  AddSquare(sums->of_point, &sums->noise_of_points);
 }
 
 bool ScoreBuilder::Build(RigScores* result) {
@@ -304,21 +351,15 @@ bool ScoreBuilder::Build(RigScores* result) {
   equations_.SetState(built_.state);
   if (!equations_.Linearize(kCovarianceDamping) || !equations_.Factorize())
     return false;
-  const MatrixXd square = MatrixXd::Zero(num_columns_, num_columns_);
   const int num_blocks = 1 + *std::max_element(rig_.block_of_frame.begin(),
                                                rig_.block_of_frame.end());
-  const Sums zero{MatrixXd::Zero(s.num_unknowns, num_columns_ + 1),
-                  MatrixXd::Zero(num_columns_, num_blocks), square, square,
-                  std::vector<MatrixXd>(num_blocks, square)};
-  solution_ = Sum(zero, [&](const auto& observations, Sums* sums) {
-                AddRhs(observations, sums);
-              }).rhs;
-  equations_.SolveColumns(solution_, &solution_);
-  const Sums sums = Sum(zero, [&](const auto& observations, Sums* sums) {
-    AddScores(observations, sums);
-  });
-  result->information = square;
-  for (const MatrixXd& information : sums.information) {
+  const Sums zero(s.num_unknowns, num_columns_, num_blocks);
+  MatrixXd solution = Sum(zero, [&](Sums* sums) { AddRhs(sums); }).rhs;
+  equations_.SolveColumns(solution, &solution);
+  solution_ = solution;
+  const Sums sums = Sum(zero, [&](Sums* sums) { AddScores(sums); });
+  result->information = MatrixXd::Zero(num_columns_, num_columns_);
+  for (const Rows& information : sums.information) {
     result->block_information.emplace_back(
         information.selfadjointView<Eigen::Lower>());
     result->information += result->block_information.back();

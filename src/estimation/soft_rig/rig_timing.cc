@@ -166,8 +166,8 @@ bool SolveAtTimes(const TimingRun& run, const Scene& seen, TimedRig* rig,
   options.loss_scale_px = LossScalePx(options, summary->sigma_px);
   BundleResult result;
   result.estimate = std::move(rig->model);
-  const bool is_solved = SolveOnce(seen, run.conditions, options,
-                                   RefinedParts::kAll, run.context, &result);
+  const bool is_solved =
+      SolveOnce(seen, run.conditions, options, {}, run.context, &result);
   rig->model = std::move(result.estimate);
   summary->solves.push_back(result.summary.solves.back());
   if (!is_solved) {

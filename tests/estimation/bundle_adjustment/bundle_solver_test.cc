@@ -71,14 +71,18 @@ class BundleSolverTest
 
 TEST_P(BundleSolverTest, ExactDataGiveTheTruth) {
   BuiltProblem built = ExactProblem(simulation_, BundleAdjustmentOptions());
-  BundleState state = built.state;
-  Random random(1);
-  Perturb(built.problem, 0.02, &random, &state);
-  const SolveSummary summary =
-      SolveRigProblem(built.problem, TightTolerances(), Threads(2), &state);
-  EXPECT_EQ(summary.termination, Termination::kConverged) << summary.message;
-  EXPECT_LT(summary.final_cost, RoundingCost(built.problem));
-  EXPECT_LT(MaxPoseDifference(built.problem, state, built.state), 1e-5);
+  for (const bool minimizes_points : {false, true}) {
+    BundleState state = built.state;
+    Random random(1);
+    Perturb(built.problem, 0.02, &random, &state);
+    RigSolverOptions options = TightTolerances();
+    options.minimizes_points = minimizes_points;
+    const SolveSummary summary =
+        SolveRigProblem(built.problem, options, Threads(2), &state);
+    EXPECT_EQ(summary.termination, Termination::kConverged) << summary.message;
+    EXPECT_LT(summary.final_cost, RoundingCost(built.problem));
+    EXPECT_LT(MaxPoseDifference(built.problem, state, built.state), 1e-5);
+  }
 }
 
 TEST_P(BundleSolverTest, OptimumIsThatOfCeres) {
@@ -95,16 +99,20 @@ TEST_P(BundleSolverTest, OptimumIsThatOfCeres) {
   BuiltProblem built = ExactProblem(simulation_, BundleAdjustmentOptions());
   Random random(2);
   AddPixelNoise(1.0, 0.0, &random, &built.problem);
-  BundleState state = built.state;
   BundleState expected = built.state;
-  const SolveSummary summary =
-      SolveRigProblem(built.problem, TightTolerances(), Threads(2), &state);
-  EXPECT_TRUE(summary.IsUsable());
   const double expected_cost = SolveWithCeres(built.problem, &expected);
   ASSERT_GT(expected_cost, 10.0);  // there is noise to fit
-  EXPECT_NEAR(summary.final_cost, expected_cost, 1e-8 * expected_cost);
-  EXPECT_LT(MaxPoseDifference(built.problem, state, expected), 1e-4);
-  EXPECT_LT(summary.final_cost, summary.initial_cost);
+  for (const bool minimizes_points : {false, true}) {
+    BundleState state = built.state;
+    RigSolverOptions options = TightTolerances();
+    options.minimizes_points = minimizes_points;
+    const SolveSummary summary =
+        SolveRigProblem(built.problem, options, Threads(2), &state);
+    EXPECT_TRUE(summary.IsUsable());
+    EXPECT_NEAR(summary.final_cost, expected_cost, 1e-8 * expected_cost);
+    EXPECT_LT(MaxPoseDifference(built.problem, state, expected), 1e-4);
+    EXPECT_LT(summary.final_cost, summary.initial_cost);
+  }
 }
 
 TEST_P(BundleSolverTest, ThreadsDoNotChangeABit) {
@@ -114,6 +122,7 @@ TEST_P(BundleSolverTest, ThreadsDoNotChangeABit) {
   BundleState one = built.state, three = built.state;
   RigSolverOptions options;
   options.max_num_iterations = 10;
+  options.minimizes_points = true;
   const SolveSummary summary_one =
       SolveRigProblem(built.problem, options, Threads(1), &one);
   const SolveSummary summary_three =

@@ -53,6 +53,9 @@ class Rosenbrock : public DampedProblem {
   void MakeUnsolvable() { is_solvable_ = false; }
   void MakeDerivativeInfinite() { derivative_is_finite_ = false; }
 
+ protected:
+  void MoveToValley() { x_[1] = x_[0] * x_[0]; }
+
  private:
   static Eigen::Vector2d Residual(const Eigen::Vector2d& x) {
     return {1.0 - x[0], 10.0 * (x[1] - x[0] * x[0])};
@@ -71,6 +74,43 @@ SolveSummary Minimize(int max_num_iterations, Rosenbrock* problem) {
   options.function_tolerance = 0.0;
   return MinimizeByLevenbergMarquardt(options, max_num_iterations, Threads(1),
                                       problem);
+}
+
+// The same valley, of which y is a point.
+class RosenbrockWithPoint : public Rosenbrock {
+ public:
+  using Rosenbrock::Rosenbrock;
+  void AcceptStep() override {
+    Rosenbrock::AcceptStep();
+    ++num_accepted_;
+  }
+  double MinimizePoints(double cost, double tolerance) override {
+    EXPECT_EQ(cost, Cost());
+    EXPECT_GE(tolerance, 0.0);
+    EXPECT_LE(tolerance, 1e-3 * cost);
+    EXPECT_EQ(++num_minimized_, num_accepted_);
+    MoveToValley();
+    return Cost();
+  }
+  int num_minimized() const { return num_minimized_; }
+
+ private:
+  int num_accepted_ = 0;
+  int num_minimized_ = 0;
+};
+
+TEST(LevenbergMarquardtTest, MinimizesPointsAfterEachAcceptedStepIfAsked) {
+  RigSolverOptions options;
+  for (const bool minimizes_points : {false, true}) {
+    options.minimizes_points = minimizes_points;
+    RosenbrockWithPoint problem({-1.2, 1.0});
+    const SolveSummary summary =
+        MinimizeByLevenbergMarquardt(options, 200, Threads(1), &problem);
+    EXPECT_EQ(summary.termination, Termination::kConverged);
+    EXPECT_EQ(summary.final_cost, problem.Cost());
+    EXPECT_LT((problem.x() - Eigen::Vector2d(1.0, 1.0)).norm(), 1e-4);
+    EXPECT_EQ(problem.num_minimized() > 0, minimizes_points);
+  }
 }
 
 TEST(LevenbergMarquardtTest, FollowsACurvedValley) {

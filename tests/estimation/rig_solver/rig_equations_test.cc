@@ -270,6 +270,35 @@ TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
   }
 }
 
+// Each point ends at a local minimum of the cost, and nothing else moves.
+TEST(RigEquationsTest, PointsAreMinimizedByThemselves) {
+  RigSceneOptions options = SmallScene(
+      {PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}, Freedom{""});
+  RigScene<PixelObservation> scene = MakePixelScene(options);
+  scene.problem.loss = {RobustLossType::kCauchy, 1.0};
+  RigEquations<PixelResidual> equations(scene.problem, {ReducedSolver::kDirect},
+                                        Threads(2));
+  equations.SetState(scene.truth);
+  const double before = equations.Cost();
+  const double cost = equations.MinimizePoints(before, 1e-12 * before);
+  EXPECT_LT(cost, 0.95 * before);
+  EXPECT_NEAR(cost, equations.Cost(), 1e-12 * cost);
+  RigState state;
+  equations.GetState(&state);
+  EXPECT_EQ(state.cameras, scene.truth.cameras);
+  for (size_t f = 0; f < state.frames.size(); ++f) {
+    EXPECT_EQ(state.frames[f].center, scene.truth.frames[f].center);
+  }
+  for (size_t p = 0; p < state.points.size(); ++p) {
+    for (int i = 0; i < 6; ++i) {
+      RigState moved = state;
+      moved.points[p][i / 2] += i % 2 == 0 ? 1e-3 : -1e-3;
+      equations.SetState(moved);
+      EXPECT_GT(equations.Cost(), cost) << p << " " << i;
+    }
+  }
+}
+
 TEST(RigEquationsTest, RaysWithFreeRotationsSolveTheFullEquations) {
   RigSceneOptions options = SmallScene(
       {PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}, Freedom{""});
