@@ -206,7 +206,7 @@ bool RigEquationsBase::Solve() {
   rhs_ = correction_ - gradient_;
   if (!matrix_.Factorize()) return false;
   if (structure_.is_iterative) return SolveByConjugateGradients();
-  matrix_.Solve(rhs_, step_);
+  matrix_.Solve(rhs_, &step_);
   return step_.allFinite();
 }
 
@@ -218,7 +218,7 @@ bool RigEquationsBase::SolveByConjugateGradients() {
         Multiply(x, y);
       },
       [this](const Eigen::VectorXd& r, Eigen::VectorXd* z) {
-        matrix_.Solve(r, *z);
+        matrix_.Solve(r, z);
       },
       &step_, &residual_);
 }

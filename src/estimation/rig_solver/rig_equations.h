@@ -53,7 +53,7 @@ class RigEquationsBase : public DampedProblem {
   // Factorizes the matrix of Linearize(), and solves with it.
   bool Factorize() { return matrix_.Factorize(); }
   void SolveColumns(const Eigen::MatrixXd& B, Eigen::MatrixXd* X) const {
-    matrix_.Solve(B, *X);
+    matrix_.Solve(B, X);
   }
 
   const RigStructure& structure() const { return structure_; }

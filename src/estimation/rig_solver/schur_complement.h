@@ -29,9 +29,9 @@ class SchurComplement {
 
   [[nodiscard]] bool Factorize() { return solver_.Factorize(matrix_); }
   // X must have the size of B and may alias it.
-  void Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
-             Eigen::Ref<Eigen::MatrixXd> X) const {
-    solver_.Solve(B, X);
+  template <class Matrix>
+  void Solve(const Eigen::Ref<const Eigen::MatrixXd>& B, Matrix* X) const {
+    solver_.Solve(B, *X);
   }
 
  private:
