@@ -15,8 +15,7 @@
 // other, so this costs linear time.
 namespace mgsfm {
 
-// The steps of one point between two steps of all unknowns. On KITTI 06, 4 of
-// 1,000 points take 20 steps or more, and 0.4 of 1,000 take all
+// The steps of one point between two steps of all unknowns
 // (docs/results/constants.md).
 constexpr int kMaxNumPointSteps = 40;
 
