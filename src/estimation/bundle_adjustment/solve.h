@@ -13,8 +13,8 @@ namespace mgsfm {
 
 struct SolveMode {
   RefinedParts parts = RefinedParts::kAll;
-  // See rig_solver.h. Unless intrinsics are refined: they may be far from the
-  // optimum.
+  // See rig_solver.h. Has no effect if intrinsics are refined, because they may
+  // be far from the optimum.
   bool minimizes_points = false;
 };
 

@@ -72,9 +72,9 @@ struct Sums {
   std::vector<Rows> information;  // per block
   double weight = 0.0, squared_weight = 0.0;
 
-  // Of the current point: its observations; the derivatives of their residuals
-  // with respect to the columns, two rows each, with the residuals in the last
-  // column; the motion of the point; and scores.
+  // The current point: its observations, the derivatives of their residuals
+  // with respect to the columns (two rows each, with the residuals in the last
+  // column), its motion, and its scores.
   std::vector<Linearized> observations;
   std::vector<double> derivatives;
   Rows shift;
@@ -116,6 +116,11 @@ class ScoreBuilder {
   // Calls add(sums) for the observations of each point, and merges the sums.
   template <class Add>
   Sums Sum(const Sums& zero, const Add& add) const;
+  // Calls function(row of derivatives, unknown of the frame, derivative of the
+  // residual with respect to it).
+  template <class Function>
+  void ForEachFrameDerivative(const std::vector<Linearized>& observations,
+                              const Function& function) const;
   void AddRhs(Sums* sums) const;
   void AddScores(Sums* sums) const;
   int FirstRow(int block) const {
@@ -293,37 +298,39 @@ void AddSquare(const Row& x, Rows* matrix) {
   }
 }
 
-void ScoreBuilder::AddRhs(Sums* sums) const {
-  Eigen::Map<Rows> e = SetRows(sums);
-  RemovePoint(sums, &e);
+template <class Function>
+void ScoreBuilder::ForEachFrameDerivative(
+    const std::vector<Linearized>& observations,
+    const Function& function) const {
   const RigStructure& s = equations_.structure();
-  for (size_t i = 0; i < sums->observations.size(); ++i) {
-    const Linearized& o = sums->observations[i];
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
     const int block = s.frame_block[o.frame];
     if (block == kNoBlock) continue;
     for (int d = 0; d < 2; ++d) {
       for (int k = 0; k < s.pose_size; ++k) {
-        sums->rhs.row(FirstRow(block) + k) +=
-            o.of_frame(d, 6 - s.pose_size + k) * e.row(2 * i + d);
+        function(2 * i + d, FirstRow(block) + k,
+                 o.of_frame(d, 6 - s.pose_size + k));
       }
     }
   }
 }
 
+void ScoreBuilder::AddRhs(Sums* sums) const {
+  Eigen::Map<Rows> e = SetRows(sums);
+  RemovePoint(sums, &e);
+  ForEachFrameDerivative(sums->observations,
+                         [&](size_t row, int unknown, double derivative) {
+                           sums->rhs.row(unknown) += derivative * e.row(row);
+                         });
+}
+
 void ScoreBuilder::AddScores(Sums* sums) const {
   Eigen::Map<Rows> e = SetRows(sums);
-  const RigStructure& s = equations_.structure();
-  for (size_t i = 0; i < sums->observations.size(); ++i) {
-    const Linearized& o = sums->observations[i];
-    const int block = s.frame_block[o.frame];
-    if (block == kNoBlock) continue;
-    for (int d = 0; d < 2; ++d) {
-      for (int k = 0; k < s.pose_size; ++k) {
-        e.row(2 * i + d) -= o.of_frame(d, 6 - s.pose_size + k) *
-                            solution_.row(FirstRow(block) + k);
-      }
-    }
-  }
+  ForEachFrameDerivative(sums->observations,
+                         [&](size_t row, int unknown, double derivative) {
+                           e.row(row) -= derivative * solution_.row(unknown);
+                         });
   RemovePoint(sums, &e);
   sums->of_point.setZero();
   for (size_t i = 0; i < sums->observations.size(); ++i) {
