@@ -137,8 +137,10 @@ void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
                    min_length);
     }
   }
-  noise->rotation_rad = std::max(SigmaOfNorms(std::move(of_depths.angles_rad)),
-                                 SigmaOfNorms(std::move(of_pairs.angles_rad)));
+  noise->rotation_of_depths_rad = SigmaOfNorms(std::move(of_depths.angles_rad));
+  noise->rotation_of_pairs_rad = SigmaOfNorms(std::move(of_pairs.angles_rad));
+  noise->rotation_rad =
+      std::max(noise->rotation_of_depths_rad, noise->rotation_of_pairs_rad);
   noise->relative_center =
       std::max(SigmaOfNorms(std::move(of_depths.relative_errors)),
                SigmaOfNorms(std::move(of_pairs.relative_errors)));
@@ -474,6 +476,11 @@ double AngleToleranceRad(const MotionNoise& noise) {
 }
 
 }  // namespace
+
+bool DepthsContradictPairs(const MotionNoise& noise) {
+  return noise.rotation_of_depths_rad > noise.rotation_of_pairs_rad &&
+         kNumSigmas * noise.rotation_of_depths_rad > kMaxAngle_rad;
+}
 
 bool IsCertain(const MeasuredMotion& motion, const MotionNoise& noise) {
   const auto is_within = [](const Matrix3d& covariance, double bound) {

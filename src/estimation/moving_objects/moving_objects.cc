@@ -457,11 +457,8 @@ double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
   return displacements.empty() ? 0.0 : Median(std::move(displacements));
 }
 
-MotionOfScene FindByDepths(MotionProblem problem,
-                           const ViewGraphOptions& verification,
-                           const Context& context, RigPath* path) {
-  problem.noise_displacement = NoiseDisplacement(problem.scene, problem.depths,
-                                                 verification.max_error_px);
+// Requires problem.noise_displacement.
+RigPath FindPathByDepths(const MotionProblem& problem, const Context& context) {
   const MotionEvidence evidence{
       [&](int earlier, int later) {
         return FindHypothesesByDepths(problem, context.random_seed, earlier,
@@ -473,10 +470,44 @@ MotionOfScene FindByDepths(MotionProblem problem,
       [&](int earlier, int later, const Rigid3& motion) {
         return RefineByDepths(problem, earlier, later, motion);
       }};
-  *path = FindRigPath(*problem.index.order(), problem.index.num_frames(),
-                      evidence, context.num_threads);
-  return JudgeByMatches(problem, RefinePath(problem, *path), verification,
-                        context);
+  return FindRigPath(*problem.index.order(), problem.index.num_frames(),
+                     evidence, context.num_threads);
+}
+
+// nullopt without depths, and if they are no evidence of motions.
+std::optional<MotionOfScene> FindByDepths(const MotionInput& input,
+                                          const FramePairIndex& matches_index,
+                                          const MotionOptions& options,
+                                          const Context& context,
+                                          RigPath* path) {
+  const double max_error_px = options.verification.max_error_px;
+  const FrameDepths depths = MeasureFrameDepths(
+      input, {options.min_parallax_deg, kKeypointNoise * max_error_px},
+      context);
+  if (!AnyOf(depths.cam_from_rig, [](const auto& cam_from_rig) {
+        return cam_from_rig.has_value();
+      })) {
+    return std::nullopt;
+  }
+  MotionProblem problem{input, matches_index, depths, max_error_px,
+                        options.filtering.max_relative_baseline_error};
+  problem.noise_displacement =
+      NoiseDisplacement(input.scene, depths, max_error_px);
+  *path = FindPathByDepths(problem, context);
+  if (DepthsContradictPairs(path->noise)) return std::nullopt;
+  return JudgeByMatches(problem, RefinePath(problem, *path),
+                        options.verification, context);
+}
+
+// Rotations of the sensors, without lever arms and depths.
+FrameDepths RotationsOfSensors(const MotionInput& input) {
+  FrameDepths depths;
+  depths.distances.resize(input.scene.images.size());
+  for (const auto& rotation : input.rotations.sensor_from_rig) {
+    auto& cam_from_rig = depths.cam_from_rig.emplace_back();
+    if (rotation) cam_from_rig = {*rotation, Vector3d::Zero()};
+  }
+  return depths;
 }
 
 // The lengths of baselines are by scale averaging. A pair without parallax can
@@ -527,30 +558,21 @@ MotionOfScene FindByPairs(MotionProblem problem, double min_parallax_deg,
 MotionOfScene FindMovingObjects(const MotionInput& input,
                                 const MotionOptions& options,
                                 const Context& context) {
-  const auto& [min_parallax_deg, verification, filtering] = options;
-  FrameDepths depths = MeasureFrameDepths(
-      input, {min_parallax_deg, kKeypointNoise * verification.max_error_px},
-      context);
-  const bool has_depths =
-      AnyOf(depths.cam_from_rig,
-            [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
-  for (size_t i = 0; i < depths.cam_from_rig.size() && !has_depths; ++i) {
-    const auto& rotation = input.rotations.sensor_from_rig[i];
-    if (rotation) depths.cam_from_rig[i] = {*rotation, Vector3d::Zero()};
-  }
   const FramePairIndex matches_index(input.scene, input.matches,
                                      SequenceMode::kYes);
-  const MotionProblem problem{input, matches_index, depths,
-                              verification.max_error_px,
-                              filtering.max_relative_baseline_error};
   RigPath path;
-  MotionOfScene motion =
-      has_depths ? FindByDepths(problem, verification, context, &path)
-                 : FindByPairs(problem, min_parallax_deg, context, &path);
-  if (IsRuleOn(RejectionReason::kAmbiguousMotion, filtering)) {
-    RejectAmbiguous(input.index, path, &motion);
+  auto motion = FindByDepths(input, matches_index, options, context, &path);
+  if (!motion) {
+    const FrameDepths depths = RotationsOfSensors(input);
+    motion = FindByPairs(
+        {input, matches_index, depths, options.verification.max_error_px,
+         options.filtering.max_relative_baseline_error},
+        options.min_parallax_deg, context, &path);
   }
-  return motion;
+  if (IsRuleOn(RejectionReason::kAmbiguousMotion, options.filtering)) {
+    RejectAmbiguous(input.index, path, &*motion);
+  }
+  return *std::move(motion);
 }
 
 }  // namespace mgsfm

@@ -53,7 +53,8 @@ struct MotionOfScene {
 // `matches` is the view graph before estimation: where a vehicle dominates an
 // image, matches of the static scene are outliers of its pairs.
 //
-// Rigs without overlapping views have no depths. Motions are then those of
+// Rigs without overlapping views have no depths, and depths that contradict the
+// image pairs (motion_candidates.h) are not used. Motions are then those of
 // their pairs, with the rotations of the pairs and lengths from scale
 // averaging, and pairs are judged by their own poses.
 [[nodiscard]] MotionOfScene FindMovingObjects(const MotionInput& input,

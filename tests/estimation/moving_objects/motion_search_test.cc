@@ -282,5 +282,38 @@ TEST(MotionCandidatesTest, PairsGiveTheRotationAndDepthsTheDistance) {
   EXPECT_LT((*group.free_direction - Vector3d::UnitZ()).norm(), 1e-9);
 }
 
+// Image pairs of two cameras and a motion by depth, turned by these angles.
+StepHypotheses TurnedMotions(double of_depth_deg, double of_pair_deg) {
+  const auto turned = [](double angle_deg, double length) {
+    return Rigid3::FromRotationAndCenter(
+        ExpSO3({0.0, DegToRad(angle_deg), 0.0}), {0.0, 0.0, length});
+  };
+  const Vector3d forward = Vector3d::UnitZ();
+  return {{{turned(of_depth_deg, 1.0)}, 0.8, 0.8},
+          {{turned(0.0, 0.0)}, 0.6, 0.6, forward},
+          {{turned(of_pair_deg, 0.0)}, 0.4, 0.4, forward}};
+}
+
+// Depths that contradict image pairs in all steps are no evidence, unless image
+// pairs contradict each other as much: the rig is then wrong for both.
+TEST(MotionCandidatesTest, DepthsThatContradictAllPairsAreNoEvidence) {
+  const auto contradict = [](const std::vector<StepHypotheses>& steps) {
+    return DepthsContradictPairs(MakeRegularSteps(steps).noise);
+  };
+  const auto in_all_steps = [&](double of_depth_deg, double of_pair_deg) {
+    return contradict(std::vector<StepHypotheses>(
+        kNumSteps, TurnedMotions(of_depth_deg, of_pair_deg)));
+  };
+  EXPECT_TRUE(in_all_steps(6.0, 0.1));
+  EXPECT_FALSE(in_all_steps(0.1, 0.1));
+  EXPECT_FALSE(in_all_steps(6.0, -8.0));
+  // A lorry that two thirds of the steps show has another motion.
+  std::vector<StepHypotheses> steps;
+  for (size_t k = 0; k < kNumSteps; ++k) {
+    steps.push_back(TurnedMotions(k % 3 == 0 ? 0.0 : 6.0, 0.1));
+  }
+  EXPECT_FALSE(contradict(steps));
+}
+
 }  // namespace
 }  // namespace mgsfm
