@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "bundle_adjustment/solve.h"
@@ -24,10 +25,9 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = options.function_tolerance;
   solver_options.minimizes_points =
-      minimizes_points &&
-      std::all_of(
-          built->problem.cameras.begin(), built->problem.cameras.end(),
-          [](const auto& camera) { return camera.free_params.empty(); });
+      minimizes_points || AnyOf(built->problem.cameras, [](const auto& camera) {
+        return !camera.free_params.empty();
+      });
   if (options.saves_memory) {
     solver_options.reduced_solver = ReducedSolver::kIterative;
   }

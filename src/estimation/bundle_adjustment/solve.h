@@ -13,8 +13,9 @@ namespace mgsfm {
 
 struct SolveMode {
   RefinedParts parts = RefinedParts::kAll;
-  // See rig_solver.h. Has no effect if intrinsics are refined, because they may
-  // be far from the optimum.
+  // See rig_solver.h. Problems with free intrinsics do so in any case: in the
+  // long valley of focal lengths and depths, joint steps of all points are
+  // short.
   bool minimizes_points = false;
 };
 

@@ -35,7 +35,7 @@ class LevenbergMarquardt {
       } else if (!problem_.Solve()) {
         Reject();
       } else {
-        AcceptOrReject(problem_.TryStep());
+        AcceptOrReject(TryStep());
       }
     }
     summary_.final_cost = cost_;
@@ -70,6 +70,16 @@ class LevenbergMarquardt {
         static_cast<size_t>(std::max(num_done + 1.0, num_estimated)));
   }
 
+  TrialStep TryStep() {
+    TrialStep step = problem_.TryStep();
+    if (options_.minimizes_points && std::isfinite(step.new_cost)) {
+      step.new_cost = problem_.MinimizeTrialPoints(
+          step.new_cost,
+          kPointTolerance * options_.function_tolerance * step.new_cost);
+    }
+    return step;
+  }
+
   void AcceptOrReject(const TrialStep& step) {
     const double decrease = cost_ - step.new_cost;
     const double tolerance = options_.parameter_tolerance;
@@ -91,10 +101,6 @@ class LevenbergMarquardt {
     const double old_cost = cost_;
     problem_.AcceptStep();
     cost_ = new_cost;
-    if (options_.minimizes_points) {
-      cost_ = problem_.MinimizePoints(
-          new_cost, kPointTolerance * options_.function_tolerance * new_cost);
-    }
     const double relative_decrease = (old_cost - cost_) / old_cost;
     share_ = std::max(share_, std::log(relative_decrease) /
                                   std::log(options_.function_tolerance));
@@ -151,8 +157,6 @@ class LevenbergMarquardt {
 };
 
 }  // namespace
-
-double DampedProblem::MinimizePoints(double cost, double) { return cost; }
 
 SolveSummary MinimizeByLevenbergMarquardt(const RigSolverOptions& options,
                                           int max_num_iterations,

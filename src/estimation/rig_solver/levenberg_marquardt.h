@@ -29,11 +29,14 @@ class DampedProblem {
   virtual bool Solve() = 0;
   // Evaluates the state after the step.
   virtual TrialStep TryStep() = 0;
+  // Minimizes over the points of the state after the step, with all other
+  // unknowns constant, until further steps of points predict a decrease of at
+  // most `tolerance` in total. `cost` is that of this state; returns the new
+  // one. By default, there are no points.
+  virtual double MinimizeTrialPoints(double cost, double /*tolerance*/) {
+    return cost;
+  }
   virtual void AcceptStep() = 0;
-  // Minimizes over the points with all other unknowns constant, until further
-  // steps predict a decrease of at most `tolerance` in total. `cost` is that of
-  // the state; returns the new one. By default, there are no points.
-  virtual double MinimizePoints(double cost, double tolerance);
 };
 
 // The trust-region loop of all rig problems; see rig_solver.h for its rules.

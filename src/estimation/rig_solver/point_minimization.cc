@@ -6,16 +6,18 @@
 namespace mgsfm {
 
 template <class R>
-double RigEquations<R>::MinimizeChunk(const ChunkRanges& chunk,
-                                      double tolerance) {
+double RigEquations<R>::MinimizeTrialChunk(const ChunkRanges& chunk,
+                                           double tolerance) {
   const auto function =
       HasAvx2() ? MinimizePointsAvx2<R> : MinimizePointsAny<R>;
-  return function(Input(), chunk, tolerance, &points_);
+  return function(
+      {problem_, structure_, measured_, trial_poses_, trial_points_, lambda_},
+      chunk, tolerance, &trial_points_);
 }
 
-template double RigEquations<PixelResidual>::MinimizeChunk(const ChunkRanges&,
-                                                           double);
-template double RigEquations<RayResidual>::MinimizeChunk(const ChunkRanges&,
-                                                         double);
+template double RigEquations<PixelResidual>::MinimizeTrialChunk(
+    const ChunkRanges&, double);
+template double RigEquations<RayResidual>::MinimizeTrialChunk(
+    const ChunkRanges&, double);
 
 }  // namespace mgsfm

@@ -92,32 +92,18 @@ void RigEquationsBase::GetState(RigState* state) {
   }
 }
 
-template <class CostOfPoints>
-double RigEquationsBase::SumCosts(const CostOfPoints& cost_of_points) {
+double RigEquationsBase::Cost() {
   ParallelFor(
       chunk_costs_.size(), context_.num_threads,
       [&](size_t c) {
         const ChunkRanges& chunk = structure_.chunks[c];
-        chunk_costs_[c] = cost_of_points(chunk) + CostOfTerms(Terms(), chunk);
+        chunk_costs_[c] = CostOfChunk(chunk) + CostOfTerms(Terms(), chunk);
       },
       1);
   double cost =
       CostOfLinearTerms(problem_, state_) + CostOfPosePriors(problem_, state_);
   for (const double chunk_cost : chunk_costs_) cost += chunk_cost;
   return cost;
-}
-
-double RigEquationsBase::Cost() {
-  return SumCosts([&](const ChunkRanges& chunk) { return CostOfChunk(chunk); });
-}
-
-double RigEquationsBase::MinimizePoints(double cost, double tolerance) {
-  if (!problem_.points_are_free || points_.empty()) return cost;
-  const double tolerance_of_point =
-      tolerance / static_cast<double>(points_.size());
-  return SumCosts([&](const ChunkRanges& chunk) {
-    return MinimizeChunk(chunk, tolerance_of_point);
-  });
 }
 
 bool RigEquationsBase::Linearize(double lambda) {
@@ -319,8 +305,7 @@ TrialStep RigEquationsBase::TryStep() {
       },
       1);
   TrialStep step;
-  step.new_cost = CostOfLinearTerms(problem_, trial_state_) +
-                  CostOfPosePriors(problem_, trial_state_);
+  step.new_cost = TrialCost();
   // By (1), the model cost g^T d + d^T N d / 2 is (g^T d - lambda d^T D d) / 2,
   // minus d^T r / 2, where r is the residual of the reduced equations.
   double decrease = step_.dot(residual_);
@@ -331,7 +316,6 @@ TrialStep RigEquationsBase::TryStep() {
   double squared_state = SquaredLength(structure_, state_);
   double squared_step = step_.squaredNorm();
   for (const StepSums& sums : chunk_sums_) {
-    step.new_cost += sums.cost;
     decrease += sums.decrease;
     squared_step += sums.squared_step;
     squared_state += sums.squared_position;
@@ -340,6 +324,28 @@ TrialStep RigEquationsBase::TryStep() {
   step.step_norm = std::sqrt(squared_step);
   step.state_norm = std::sqrt(squared_state);
   return step;
+}
+
+double RigEquationsBase::TrialCost() const {
+  double cost = CostOfLinearTerms(problem_, trial_state_) +
+                CostOfPosePriors(problem_, trial_state_);
+  for (const StepSums& sums : chunk_sums_) cost += sums.cost;
+  return cost;
+}
+
+double RigEquationsBase::MinimizeTrialPoints(double cost, double tolerance) {
+  if (!problem_.points_are_free || points_.empty()) return cost;
+  const double tolerance_of_point =
+      tolerance / static_cast<double>(points_.size());
+  ParallelFor(
+      chunk_sums_.size(), context_.num_threads,
+      [&](size_t c) {
+        const ChunkRanges& chunk = structure_.chunks[c];
+        chunk_sums_[c].cost = MinimizeTrialChunk(chunk, tolerance_of_point) +
+                              CostOfTerms(TrialTerms(), chunk);
+      },
+      1);
+  return TrialCost();
 }
 
 void RigEquationsBase::AcceptStep() {

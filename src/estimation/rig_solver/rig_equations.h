@@ -44,10 +44,10 @@ class RigEquationsBase : public DampedProblem {
   void GetState(RigState* state);
 
   double Cost() override;
-  double MinimizePoints(double cost, double tolerance) override;
   bool Linearize(double lambda) override;
   bool Solve() override;
   TrialStep TryStep() override;
+  double MinimizeTrialPoints(double cost, double tolerance) override;
   void AcceptStep() override;
 
   // Factorizes the matrix of Linearize(), and solves with it.
@@ -69,11 +69,12 @@ class RigEquationsBase : public DampedProblem {
  protected:
   // The passes over one chunk; see schur_passes.h.
   virtual double CostOfChunk(const ChunkRanges& chunk) const = 0;
-  // Returns the cost after minimization over the points.
-  virtual double MinimizeChunk(const ChunkRanges& chunk, double tolerance) = 0;
   virtual bool LinearizeChunk(const ChunkRanges& chunk,
                               SchurWorkspace* workspace) = 0;
   virtual StepSums StepChunk(const ChunkRanges& chunk) = 0;
+  // Returns the cost after minimization over the points.
+  virtual double MinimizeTrialChunk(const ChunkRanges& chunk,
+                                    double tolerance) = 0;
   virtual void MultiplyChunk(const ChunkRanges& chunk,
                              SchurWorkspace* workspace) = 0;
 
@@ -86,9 +87,7 @@ class RigEquationsBase : public DampedProblem {
   ImageSteps steps_;
 
  private:
-  // Adds the terms without points to a function of chunks.
-  template <class CostOfPoints>
-  double SumCosts(const CostOfPoints& cost_of_points);
+  double TrialCost() const;  // by the sums of chunks
   void MergeSystem(const ChunkRanges& chunk, size_t section,
                    const SchurWorkspace& workspace);
   void MergeVectors(const ChunkRanges& chunk, const SchurWorkspace& workspace);
@@ -124,10 +123,11 @@ class RigEquations : public RigEquationsBase {
 
  protected:
   double CostOfChunk(const ChunkRanges& chunk) const override;
-  double MinimizeChunk(const ChunkRanges& chunk, double tolerance) override;
   bool LinearizeChunk(const ChunkRanges& chunk,
                       SchurWorkspace* workspace) override;
   StepSums StepChunk(const ChunkRanges& chunk) override;
+  double MinimizeTrialChunk(const ChunkRanges& chunk,
+                            double tolerance) override;
   void MultiplyChunk(const ChunkRanges& chunk,
                      SchurWorkspace* workspace) override;
 

@@ -36,9 +36,10 @@ enum class ReducedSolver {
 // Every observation must be visible at the start.
 //
 // Points. With `minimizes_points`, each point is minimized by itself after each
-// accepted step, with all other unknowns constant (embedded point iterations).
-// Under a robust loss, points converge slowly by joint steps. Not for poses or
-// intrinsics far from the optimum: points would fit them, and reject the
+// step, before the new cost is compared, with all other unknowns constant
+// (embedded point iterations). Under a robust loss, or along the curved valley
+// of focal lengths and depths, points converge slowly by joint steps. Not for
+// poses far from the optimum: points would fit them, and reject the
 // observations that contradict them.
 //
 // Stopping criteria. kConverged if

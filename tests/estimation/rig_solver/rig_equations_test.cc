@@ -270,7 +270,8 @@ TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
   }
 }
 
-// Each point ends at a local minimum of the cost, and nothing else moves.
+// Each point ends at a local minimum of the cost for the cameras of the step,
+// and no camera moves.
 TEST(RigEquationsTest, PointsAreMinimizedByThemselves) {
   RigSceneOptions options = SmallScene(
       {PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}, Freedom{""});
@@ -280,14 +281,21 @@ TEST(RigEquationsTest, PointsAreMinimizedByThemselves) {
                                         Threads(2));
   equations.SetState(scene.truth);
   const double before = equations.Cost();
-  const double cost = equations.MinimizePoints(before, 1e-12 * before);
+  // A step of next to nothing.
+  ASSERT_TRUE(equations.Linearize(1e12));
+  ASSERT_TRUE(equations.Solve());
+  const double trial = equations.TryStep().new_cost;
+  EXPECT_NEAR(trial, before, 1e-6 * before);
+  const double cost = equations.MinimizeTrialPoints(trial, 1e-12 * before);
+  EXPECT_EQ(equations.Cost(), before);
   EXPECT_LT(cost, 0.95 * before);
+  equations.AcceptStep();
   EXPECT_NEAR(cost, equations.Cost(), 1e-12 * cost);
   RigState state;
   equations.GetState(&state);
-  EXPECT_EQ(state.cameras, scene.truth.cameras);
   for (size_t f = 0; f < state.frames.size(); ++f) {
-    EXPECT_EQ(state.frames[f].center, scene.truth.frames[f].center);
+    EXPECT_LT((state.frames[f].center - scene.truth.frames[f].center).norm(),
+              1e-6);
   }
   for (size_t p = 0; p < state.points.size(); ++p) {
     for (int i = 0; i < 6; ++i) {
