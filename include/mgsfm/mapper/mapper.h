@@ -149,8 +149,10 @@ struct MapperModel {
   std::optional<SoftRigImages> soft_rig_images;
   // Groups of pairs that contradict the rotations or positions.
   std::vector<RejectedGroup> rejected_groups;
-  KeptMatches kept_matches;      // verified matches that the model explains
-  Confidence confidence;         // empty for extended models
+  KeptMatches kept_matches;  // verified matches that the model explains
+  Confidence confidence;     // empty for extended models
+  // Whether it contradicts most motions that motion continuity expects.
+  bool refutes_motion = false;
   std::vector<StageTime> times;  // in the order in which stages ran
 };
 
@@ -183,6 +185,9 @@ struct MapperResult {
   // Pairs of the view graph that were rejected, by reason. Empty for an
   // extended model.
   std::vector<RejectionCount> rejected_pairs;
+  // The rule of motion continuity was switched off, because a first model
+  // contradicted most motions that it expected.
+  bool motion_was_refuted = false;
   std::vector<FixedRegion> fixed_regions;  // of sensors that have any
   RotationSummary rotation;
   std::optional<IncrementalSummary> incremental;  // of an incremental mapper

@@ -14,6 +14,9 @@ namespace {
 
 // The bound on the baselines of pairs (pair_filtering.h).
 constexpr double kMaxRelativeError = 0.5;
+// 99 % of the errors of normal noise are within this many times their median,
+// as lengths of vectors.
+constexpr double kMediansOfNoise = 2.19;
 // The expected motion is less certain where a rig brakes: with 0.2, the end of
 // a correct drive was a jump.
 constexpr double kMinErrorInSteps = 1.0;
@@ -42,6 +45,14 @@ std::optional<Baseline> BaselineOf(const Scene& scene, const ImagePair& pair,
   return Baseline{baseline(*expected), baseline(*cam2 * cam1->Inverse())};
 }
 
+// How much a step in the model differs from the expected one.
+struct StepError {
+  double error = 0.0;
+  double longer = 0.0;  // of both baselines
+
+  double Relative() const { return error / longer; }
+};
+
 // Neighbors in time.
 struct Step {
   std::pair<int, int> frames;
@@ -60,6 +71,12 @@ struct Step {
   }
   double ActualLength() const {
     return MedianOf([](const Baseline& b) { return b.actual.norm(); });
+  }
+  StepError ErrorOf(double unit) const {
+    return {MedianOf([&](const Baseline& b) {
+              return (b.actual - unit * b.expected).norm();
+            }),
+            std::max(ActualLength(), unit * ExpectedLength())};
   }
 };
 
@@ -161,7 +178,18 @@ bool IsRefuted(const Step& step, const std::vector<const Step*>& confirmed,
          (after == nullptr || IsSmoother(step, *after, unit));
 }
 
+bool HasMostFrames(const Reconstruction& reconstruction) {
+  const auto& poses = reconstruction.rig_from_world;
+  const auto num_registered =
+      CountIf(poses, [](const auto& pose) { return pose.has_value(); });
+  return 2 * static_cast<size_t>(num_registered) > poses.size();
+}
+
 }  // namespace
+
+bool ComparedMotions::AreRefuted() const {
+  return typical_error > kMaxErrorOfConfirmed;
+}
 
 ComparedMotions CompareMotions(
     const Scene& scene, const FramePairIndex& index,
@@ -173,22 +201,26 @@ ComparedMotions CompareMotions(
       CollectBaselines(scene, index, view_graph, expected, reconstruction);
   if (baselines.steps.empty()) return {};
   const double unit = UnitInModel(baselines);
-  std::vector<double> lengths;
-  for (const Step& step : baselines.steps) {
-    lengths.push_back(unit * step.ExpectedLength() / step.time_gap);
-  }
-  const double min_error = kMinErrorInSteps * Median(std::move(lengths));
+  const double min_error =
+      kMinErrorInSteps *
+      Median(Transformed(baselines.steps, [&](const Step& step) {
+        return unit * step.ExpectedLength() / step.time_gap;
+      }));
   ComparedMotions result;
+  if (HasMostFrames(reconstruction)) {
+    result.typical_error =
+        Median(Transformed(baselines.steps, [&](const Step& step) {
+          return step.ErrorOf(unit).Relative();
+        }));
+  }
+  const double max_relative_error =
+      std::max(kMaxRelativeError, kMediansOfNoise * result.typical_error);
   std::vector<const Step*> jumps, confirmed;
   for (const Step& step : baselines.steps) {
-    const double error = step.MedianOf([&](const Baseline& b) {
-      return (b.actual - unit * b.expected).norm();
-    });
-    const double longer =
-        std::max(step.ActualLength(), unit * step.ExpectedLength());
-    if (error > std::max(min_error, kMaxRelativeError * longer)) {
+    const StepError error = step.ErrorOf(unit);
+    if (error.error > std::max(min_error, max_relative_error * error.longer)) {
       jumps.push_back(&step);
-    } else if (error <= kMaxErrorOfConfirmed * longer) {
+    } else if (error.Relative() <= kMaxErrorOfConfirmed) {
       confirmed.push_back(&step);
       result.confirmed.push_back(step.frames);
     }

@@ -12,15 +12,22 @@
 
 namespace mgsfm {
 
-// Pairs of frames of one sequence.
+// Pairs of frames of one sequence. Errors are the differences of baselines from
+// the expected ones, in length and direction.
 struct ComparedMotions {
-  // The baseline differs from the expected one, in length or direction, by more
-  // than half of the longer baseline and by more than a typical step, and the
-  // model does not connect the nearest confirmed pairs more smoothly than the
-  // expected motion.
+  // The median error, relative to the longer baseline, if the model has most
+  // frames of the scene: the noise of the expected motions. In a small model,
+  // all pairs can be wrong.
+  double typical_error = 0.0;
+  // The error exceeds half of the longer baseline, a typical step, and 99 % of
+  // the noise, and the model does not connect the nearest confirmed pairs more
+  // smoothly than the expected motion.
   std::vector<std::pair<int, int>> jumps;
-  // The baseline differs by at most 20 % of the longer baseline.
+  // The error is at most 20 % of the longer baseline.
   std::vector<std::pair<int, int>> confirmed;
+
+  // The model has most frames, and most pairs are not confirmed.
+  bool AreRefuted() const;
 };
 
 // Compares a model with the motion of the rig. Few correct pairs across a cut

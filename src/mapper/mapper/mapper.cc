@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "base/ranges.h"
 #include "georegistration/metric_scale.h"
@@ -205,7 +206,7 @@ void MapVerifiedPairs(const PositionStep& estimate_positions, const Run& run,
 
 // Calibrates lenses without the checks of the input, which wrong lenses
 // mislead.
-MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
+MapperResult MapOnce(const PairStep& map_pairs, const Run& run) {
   MapperResult result;
   VerifiedPairs pairs =
       VerifyAllPairs(run.scene, run.matches, run.options, run.context, &result);
@@ -222,6 +223,28 @@ MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
   const RunningStage stage("input check", run.context);
   CheckInput(pairs, run.input, run.options, stage.context(), &result);
   stage.Finish(&result.times);
+  return result;
+}
+
+// Expected motions that the joint model refutes reject no pairs.
+MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
+  MapperResult result = MapOnce(map_pairs, run);
+  if (result.models.empty() || !result.models.front().refutes_motion) {
+    return result;
+  }
+  run.context.Info(
+      "the model contradicts most motions that motion continuity expects next "
+      "to moving objects; the scene is mapped again without this rule");
+  std::vector<StageTime> times = std::move(result.times);
+  for (const MapperModel& model : result.models) {
+    times.insert(times.end(), model.times.begin(), model.times.end());
+  }
+  MapperOptions options = run.options;
+  options.pair_filtering.use_motion_continuity = false;
+  result = MapOnce(map_pairs, {run.input, run.scene, run.matches, run.lenses,
+                               options, run.context});
+  result.motion_was_refuted = true;
+  result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;
 }
 

@@ -227,8 +227,12 @@ std::vector<MapperModel> TestSeams(
   {
     const RunningStage stage("seams", context);
     model.confidence = confidence_of(input.pair_is_used, model);
+    model.refutes_motion = CompareMotions(input.scene, index, input.view_graph,
+                                          pair_on_path, model.reconstruction)
+                               .AreRefuted();
     stage.Finish(&model.times);
   }
+  if (model.refutes_motion) return {std::move(model)};
   RealignSides(index, options, context, confidence_of, &input, &model);
   const std::vector<Seam> seams = SeamsToSplit(input.scene, model, options);
   if (seams.empty()) return {std::move(model)};
