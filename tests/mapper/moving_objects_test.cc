@@ -122,6 +122,27 @@ ModelDifference CompareFirstModel(const Simulation& simulation,
                        simulation.ground_truth);
 }
 
+// In the cabin of an elevator, the motion of the rig is taken for that of the
+// cabin. The result is that without the rule.
+TEST(ElevatorTest, MotionsThatTheModelRefutesRejectNoPair) {
+  const Simulation simulation = SimulateWorld(WorldPreset::kElevator);
+  MapperOptions without_rule;
+  without_rule.pair_filtering.use_motion_continuity = false;
+  const MapperResult result = Map(simulation, {}, 2);
+  const MapperResult expected = Map(simulation, without_rule, 2);
+  EXPECT_TRUE(result.motion_was_refuted);
+  EXPECT_FALSE(expected.motion_was_refuted);
+  ASSERT_EQ(result.models.size(), 1u);
+  EXPECT_EQ(result.models[0].confidence.seams.size(),
+            expected.models.at(0).confidence.seams.size());
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.models[0].reconstruction,
+                    expected.models.at(0).reconstruction);
+  EXPECT_EQ(difference.num_images,
+            static_cast<int>(simulation.scene.images.size()));
+  EXPECT_LT(difference.max_position, 1e-9);
+}
+
 // The points of a pedestrian agree with a slightly wrong path for some frames.
 TEST(PedestriansTest, PointsOfFewFramesDoNotBendThePath) {
   const Simulation simulation = SimulateWorld(WorldPreset::kPedestrians);

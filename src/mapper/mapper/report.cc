@@ -242,6 +242,7 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
   }
   if (run.input_path.empty()) {
     report["rejected_pairs"] = ToJson(result.rejected_pairs);
+    report["motion_was_refuted"] = result.motion_was_refuted;
   }
   if (!result.focal_lengths.empty()) {
     report["focal_lengths"] = fields.ToJson(result.focal_lengths);
