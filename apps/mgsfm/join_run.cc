@@ -420,8 +420,9 @@ void AddToReport(const std::string& model_report,
     summary["models"][0]["unit_of_length"] = "that of the sub-maps";
   }
   if (!report->contains("models")) {
-    for (const char* key : {"view_graph", "rotation_averaging",
-                            "rejected_pairs", "peak_memory_mib"}) {
+    for (const char* key :
+         {"view_graph", "rotation_averaging", "rejected_pairs",
+          "motion_was_refuted", "peak_memory_mib"}) {
       json.erase(key);
     }
     report->update(json);

@@ -38,6 +38,7 @@ double MaxPositionError(const Simulation& simulation,
   const MapperResult result = Map(simulation, options, 1);
   EXPECT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.unregistered_frames.empty());
+  EXPECT_FALSE(result.motion_was_refuted);
   for (const RejectionCount& count : result.rejected_pairs) {
     if (count.reason != RejectionReason::kDiscontinuousMotion) continue;
     EXPECT_EQ(count.num_pairs > 0, use_motion_continuity);
@@ -132,6 +133,11 @@ TEST(ElevatorTest, MotionsThatTheModelRefutesRejectNoPair) {
   const MapperResult expected = Map(simulation, without_rule, 2);
   EXPECT_TRUE(result.motion_was_refuted);
   EXPECT_FALSE(expected.motion_was_refuted);
+  for (const RejectionCount& count : result.rejected_pairs) {
+    if (count.reason == RejectionReason::kDiscontinuousMotion) {
+      EXPECT_EQ(count.num_pairs, 0);
+    }
+  }
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_EQ(result.models[0].confidence.seams.size(),
             expected.models.at(0).confidence.seams.size());

@@ -151,7 +151,8 @@ struct MapperModel {
   std::vector<RejectedGroup> rejected_groups;
   KeptMatches kept_matches;  // verified matches that the model explains
   Confidence confidence;     // empty for extended models
-  // Whether it contradicts most motions that motion continuity expects.
+  // The model contradicts most motions that motion continuity expects next to
+  // moving objects.
   bool refutes_motion = false;
   std::vector<StageTime> times;  // in the order in which stages ran
 };

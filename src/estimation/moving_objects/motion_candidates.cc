@@ -137,10 +137,13 @@ void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
                    min_length);
     }
   }
-  noise->rotation_of_depths_rad = SigmaOfNorms(std::move(of_depths.angles_rad));
-  noise->rotation_of_pairs_rad = SigmaOfNorms(std::move(of_pairs.angles_rad));
-  noise->rotation_rad =
-      std::max(noise->rotation_of_depths_rad, noise->rotation_of_pairs_rad);
+  const double turn_of_depths_rad =
+      SigmaOfNorms(std::move(of_depths.angles_rad));
+  const double turn_of_pairs_rad = SigmaOfNorms(std::move(of_pairs.angles_rad));
+  noise->rotation_rad = std::max(turn_of_depths_rad, turn_of_pairs_rad);
+  noise->depths_contradict_pairs =
+      turn_of_depths_rad > turn_of_pairs_rad &&
+      kNumSigmas * turn_of_depths_rad > kMaxAngle_rad;
   noise->relative_center =
       std::max(SigmaOfNorms(std::move(of_depths.relative_errors)),
                SigmaOfNorms(std::move(of_pairs.relative_errors)));
@@ -476,11 +479,6 @@ double AngleToleranceRad(const MotionNoise& noise) {
 }
 
 }  // namespace
-
-bool DepthsContradictPairs(const MotionNoise& noise) {
-  return noise.rotation_of_depths_rad > noise.rotation_of_pairs_rad &&
-         kNumSigmas * noise.rotation_of_depths_rad > kMaxAngle_rad;
-}
 
 bool IsCertain(const MeasuredMotion& motion, const MotionNoise& noise) {
   const auto is_within = [](const Matrix3d& covariance, double bound) {

@@ -54,9 +54,12 @@ struct MotionNoise {
   // step: of the rotation, and of the center relative to its length.
   double rotation_rad = 0.0;
   double relative_center = 0.0;
-  // Of the rotation, between a motion by depth and an image pair, and between
-  // image pairs of different cameras.
-  double rotation_of_depths_rad = 0.0, rotation_of_pairs_rad = 0.0;
+  // Depths are no evidence of motions: motions by depth differ in rotation from
+  // those of image pairs by more than the tolerance of agreement, and by more
+  // than image pairs of different cameras differ. With a wrong lens, a rolling
+  // shutter or late exposures, the rays of a match within a frame enclose an
+  // angle that is no parallax.
+  bool depths_contradict_pairs = false;
   // Standard deviations of the change of velocity from one step to the next.
   double turn_change_rad = 0.0;
   double linear_change = 0.0;
@@ -95,13 +98,6 @@ struct MotionEvidence {
       int earlier_frame_idx, int later_frame_idx, const Rigid3& motion)>
       refine = {};
 };
-
-// Whether depths are no evidence of motions: motions by depth turn otherwise
-// than image pairs, by more than the tolerance of agreement and than image
-// pairs of different cameras do. With a wrong lens, a rolling shutter or late
-// exposures, the rays of a match within a frame enclose an angle that is no
-// parallax.
-bool DepthsContradictPairs(const MotionNoise& noise);
 
 // Whether the errors of a measurement are within the tolerance of motions that
 // agree.

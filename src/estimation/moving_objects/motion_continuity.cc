@@ -35,8 +35,7 @@ MotionNoise Larger(const MotionNoise& a, const MotionNoise& b) {
   return {std::max(a.median_step, b.median_step),
           std::max(a.rotation_rad, b.rotation_rad),
           std::max(a.relative_center, b.relative_center),
-          std::max(a.rotation_of_depths_rad, b.rotation_of_depths_rad),
-          std::max(a.rotation_of_pairs_rad, b.rotation_of_pairs_rad),
+          a.depths_contradict_pairs || b.depths_contradict_pairs,
           std::max(a.turn_change_rad, b.turn_change_rad),
           std::max(a.linear_change, b.linear_change)};
 }

@@ -494,7 +494,7 @@ std::optional<MotionOfScene> FindByDepths(const MotionInput& input,
   problem.noise_displacement =
       NoiseDisplacement(input.scene, depths, max_error_px);
   *path = FindPathByDepths(problem, context);
-  if (DepthsContradictPairs(path->noise)) return std::nullopt;
+  if (path->noise.depths_contradict_pairs) return std::nullopt;
   return JudgeByMatches(problem, RefinePath(problem, *path),
                         options.verification, context);
 }

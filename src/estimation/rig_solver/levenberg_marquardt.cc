@@ -89,7 +89,10 @@ class LevenbergMarquardt {
     if (step.step_norm <= tolerance * (step.state_norm + tolerance)) {
       Finish(Termination::kConverged, "The step is small.");
     } else if (decrease > 1e-3 * step.predicted_decrease && decrease > 0.0) {
-      Accept(step.new_cost, decrease / step.predicted_decrease);
+      // Rounding errors of small steps can predict an increase.
+      Accept(step.new_cost, step.predicted_decrease > 0.0
+                                ? decrease / step.predicted_decrease
+                                : 1.0);
     } else if (step.predicted_decrease <= 1e-14 * cost_) {
       Finish(Termination::kConverged, "No step decreases the cost.");
     } else {

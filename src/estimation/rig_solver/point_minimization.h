@@ -15,7 +15,7 @@
 // other, so this costs linear time.
 namespace mgsfm {
 
-// The steps of one point between two steps of all unknowns
+// The steps of one point within one step of all unknowns
 // (docs/results/constants.md).
 constexpr int kMaxNumPointSteps = 40;
 

@@ -38,9 +38,9 @@ enum class ReducedSolver {
 // Points. With `minimizes_points`, each point is minimized by itself after each
 // step, before the new cost is compared, with all other unknowns constant
 // (embedded point iterations). Under a robust loss, or along the curved valley
-// of focal lengths and depths, points converge slowly by joint steps. Not for
-// poses far from the optimum: points would fit them, and reject the
-// observations that contradict them.
+// of focal lengths and depths, points converge slowly by joint steps. At poses
+// far from the optimum, points fit these poses and reject the observations that
+// contradict them. gamma includes the decrease by this minimization.
 //
 // Stopping criteria. kConverged if
 //   |step| <= parameter_tolerance (|state| + parameter_tolerance)    or

@@ -14,9 +14,6 @@ namespace {
 
 // The bound on the baselines of pairs (pair_filtering.h).
 constexpr double kMaxRelativeError = 0.5;
-// 99 % of the errors of normal noise are within this many times their median,
-// as lengths of vectors.
-constexpr double kMediansOfNoise = 2.19;
 // The expected motion is less certain where a rig brakes: with 0.2, the end of
 // a correct drive was a jump.
 constexpr double kMinErrorInSteps = 1.0;
@@ -50,7 +47,7 @@ struct StepError {
   double error = 0.0;
   double longer = 0.0;  // of both baselines
 
-  double Relative() const { return error / longer; }
+  double Relative() const { return longer > 0.0 ? error / longer : 0.0; }
 };
 
 // Neighbors in time.
@@ -213,18 +210,17 @@ ComparedMotions CompareMotions(
           return step.ErrorOf(unit).Relative();
         }));
   }
-  const double max_relative_error =
-      std::max(kMaxRelativeError, kMediansOfNoise * result.typical_error);
   std::vector<const Step*> jumps, confirmed;
   for (const Step& step : baselines.steps) {
     const StepError error = step.ErrorOf(unit);
-    if (error.error > std::max(min_error, max_relative_error * error.longer)) {
+    if (error.error > std::max(min_error, kMaxRelativeError * error.longer)) {
       jumps.push_back(&step);
     } else if (error.Relative() <= kMaxErrorOfConfirmed) {
       confirmed.push_back(&step);
       result.confirmed.push_back(step.frames);
     }
   }
+  if (result.AreRefuted()) return result;
   for (const Step* step : jumps) {
     if (!IsRefuted(*step, confirmed, *index.order(), unit)) {
       result.jumps.push_back(step->frames);

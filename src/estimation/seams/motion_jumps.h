@@ -16,17 +16,17 @@ namespace mgsfm {
 // the expected ones, in length and direction.
 struct ComparedMotions {
   // The median error, relative to the longer baseline, if the model has most
-  // frames of the scene: the noise of the expected motions. In a small model,
-  // all pairs can be wrong.
+  // frames of the scene. In a small model, all pairs can be wrong.
   double typical_error = 0.0;
-  // The error exceeds half of the longer baseline, a typical step, and 99 % of
-  // the noise, and the model does not connect the nearest confirmed pairs more
-  // smoothly than the expected motion.
+  // The error exceeds half of the longer baseline and a typical step, and the
+  // model does not connect the nearest confirmed pairs more smoothly than the
+  // expected motion. Empty if the expected motions are refuted.
   std::vector<std::pair<int, int>> jumps;
   // The error is at most 20 % of the longer baseline.
   std::vector<std::pair<int, int>> confirmed;
 
-  // The model has most frames, and most pairs are not confirmed.
+  // The model has most frames, and the typical error is above 20 %: pairs over
+  // many frames determine the model, single steps the expected motions.
   bool AreRefuted() const;
 };
 

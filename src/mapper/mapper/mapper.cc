@@ -235,17 +235,18 @@ MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
   run.context.Info(
       "the model contradicts most motions that motion continuity expects next "
       "to moving objects; the scene is mapped again without this rule");
-  std::vector<StageTime> times = std::move(result.times);
+  MapperOptions options = run.options;
+  options.pair_filtering.use_motion_continuity = false;
+  MapperResult without = MapOnce(map_pairs, {run.input, run.scene, run.matches,
+                                             run.lenses, options, run.context});
+  if (without.models.empty()) return result;
+  without.motion_was_refuted = true;
+  std::vector<StageTime>& times = result.times;
   for (const MapperModel& model : result.models) {
     times.insert(times.end(), model.times.begin(), model.times.end());
   }
-  MapperOptions options = run.options;
-  options.pair_filtering.use_motion_continuity = false;
-  result = MapOnce(map_pairs, {run.input, run.scene, run.matches, run.lenses,
-                               options, run.context});
-  result.motion_was_refuted = true;
-  result.times.insert(result.times.begin(), times.begin(), times.end());
-  return result;
+  without.times.insert(without.times.begin(), times.begin(), times.end());
+  return without;
 }
 
 }  // namespace

@@ -45,7 +45,8 @@ using ConfidenceFunction =
 // Each model is adjusted again, the largest first, without the pairs that cross
 // a seam, and keeps the summaries of earlier stages. Sets of fewer than
 // min_num_frames frames, and those that points alone do not hold together, are
-// omitted. `pair_on_path` has the motion of the rig from moving_objects.h.
+// omitted. `pair_on_path` has the motion of the rig from moving_objects.h. A
+// model that refutes it is neither realigned nor split.
 [[nodiscard]] std::vector<MapperModel> TestSeams(
     const FramePairIndex& index,
     const std::vector<std::optional<Rigid3>>& pair_on_path,

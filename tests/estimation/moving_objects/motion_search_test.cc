@@ -298,7 +298,7 @@ StepHypotheses TurnedMotions(double of_depth_deg, double of_pair_deg) {
 // pairs contradict each other as much: the rig is then wrong for both.
 TEST(MotionCandidatesTest, DepthsThatContradictAllPairsAreNoEvidence) {
   const auto contradict = [](const std::vector<StepHypotheses>& steps) {
-    return DepthsContradictPairs(MakeRegularSteps(steps).noise);
+    return MakeRegularSteps(steps).noise.depths_contradict_pairs;
   };
   const auto in_all_steps = [&](double of_depth_deg, double of_pair_deg) {
     return contradict(std::vector<StepHypotheses>(

@@ -270,33 +270,30 @@ TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
   }
 }
 
-// Each point ends at a local minimum of the cost for the cameras of the step,
-// and no camera moves.
-TEST(RigEquationsTest, PointsAreMinimizedByThemselves) {
-  RigSceneOptions options = SmallScene(
-      {PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}, Freedom{""});
+// Each point ends at a local minimum of the cost for the cameras after the
+// step, and no camera moves further.
+TEST(RigEquationsTest, PointsOfTrialStepsAreMinimizedByThemselves) {
+  RigSceneOptions options =
+      SmallScene({PerspectiveTestCameras()[0], FisheyeTestCameras()[0]},
+                 Freedom{"", true, true, true});
   RigScene<PixelObservation> scene = MakePixelScene(options);
   scene.problem.loss = {RobustLossType::kCauchy, 1.0};
   RigEquations<PixelResidual> equations(scene.problem, {ReducedSolver::kDirect},
                                         Threads(2));
   equations.SetState(scene.truth);
   const double before = equations.Cost();
-  // A step of next to nothing.
-  ASSERT_TRUE(equations.Linearize(1e12));
+  ASSERT_TRUE(equations.Linearize(10.0));
   ASSERT_TRUE(equations.Solve());
   const double trial = equations.TryStep().new_cost;
-  EXPECT_NEAR(trial, before, 1e-6 * before);
+  EXPECT_LT(trial, before);
   const double cost = equations.MinimizeTrialPoints(trial, 1e-12 * before);
+  EXPECT_LT(cost, trial);
   EXPECT_EQ(equations.Cost(), before);
-  EXPECT_LT(cost, 0.95 * before);
   equations.AcceptStep();
   EXPECT_NEAR(cost, equations.Cost(), 1e-12 * cost);
   RigState state;
   equations.GetState(&state);
-  for (size_t f = 0; f < state.frames.size(); ++f) {
-    EXPECT_LT((state.frames[f].center - scene.truth.frames[f].center).norm(),
-              1e-6);
-  }
+  EXPECT_NE(state.cameras, scene.truth.cameras);
   for (size_t p = 0; p < state.points.size(); ++p) {
     for (int i = 0; i < 6; ++i) {
       RigState moved = state;

@@ -216,7 +216,7 @@ TEST(MotionJumps, AreWhereOnlyTheModelStops) {
 }
 
 // A crowd moved the expected motions; the model has all frames.
-TEST(MotionJumps, AreNotWhereTheExpectedMotionIsWrongThroughout) {
+TEST(MotionJumps, ModelsOfMostFramesRefuteExpectedMotions) {
   Drive drive;
   drive.TurnExpected(40.0);
   EXPECT_NEAR(drive.Compare().typical_error, 2.0 * std::sin(DegToRad(20.0)),
