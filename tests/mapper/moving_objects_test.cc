@@ -123,8 +123,8 @@ ModelDifference CompareFirstModel(const Simulation& simulation,
                        simulation.ground_truth);
 }
 
-// In the cabin of an elevator, the motion of the rig is taken for that of the
-// cabin. The result is that without the rule.
+// The rule takes the cabin of an elevator for the scene. The model refutes
+// this, and the result is the one without the rule.
 TEST(ElevatorTest, MotionsThatTheModelRefutesRejectNoPair) {
   const Simulation simulation = SimulateWorld(WorldPreset::kElevator);
   MapperOptions without_rule;

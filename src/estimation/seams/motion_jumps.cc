@@ -42,7 +42,7 @@ std::optional<Baseline> BaselineOf(const Scene& scene, const ImagePair& pair,
   return Baseline{baseline(*expected), baseline(*cam2 * cam1->Inverse())};
 }
 
-// How much a step in the model differs from the expected one.
+// The difference of a step in the model from the expected one.
 struct StepError {
   double error = 0.0;
   double longer = 0.0;  // of both baselines
@@ -203,16 +203,17 @@ ComparedMotions CompareMotions(
       Median(Transformed(baselines.steps, [&](const Step& step) {
         return unit * step.ExpectedLength() / step.time_gap;
       }));
+  const std::vector<StepError> errors = Transformed(
+      baselines.steps, [&](const Step& step) { return step.ErrorOf(unit); });
   ComparedMotions result;
   if (HasMostFrames(reconstruction)) {
-    result.typical_error =
-        Median(Transformed(baselines.steps, [&](const Step& step) {
-          return step.ErrorOf(unit).Relative();
-        }));
+    result.typical_error = Median(Transformed(
+        errors, [](const StepError& error) { return error.Relative(); }));
   }
   std::vector<const Step*> jumps, confirmed;
-  for (const Step& step : baselines.steps) {
-    const StepError error = step.ErrorOf(unit);
+  for (size_t k = 0; k < errors.size(); ++k) {
+    const Step& step = baselines.steps[k];
+    const StepError& error = errors[k];
     if (error.error > std::max(min_error, kMaxRelativeError * error.longer)) {
       jumps.push_back(&step);
     } else if (error.Relative() <= kMaxErrorOfConfirmed) {

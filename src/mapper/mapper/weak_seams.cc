@@ -213,23 +213,28 @@ std::vector<MapperModel> TestSeams(
     const std::vector<std::optional<Rigid3>>& pair_on_path,
     const MapperOptions& options, const Context& context, AdjustmentInput input,
     MapperModel model) {
-  const auto confidence_of = [&](const Mask& pair_is_used,
+  const auto compare = [&](const MapperModel& adjusted) {
+    return CompareMotions(input.scene, index, input.view_graph, pair_on_path,
+                          adjusted.reconstruction);
+  };
+  const auto confidence_by = [&](const ComparedMotions& motions,
+                                 const Mask& pair_is_used,
                                  const MapperModel& adjusted) {
-    const Reconstruction& reconstruction = adjusted.reconstruction;
-    const ComparedMotions motions = CompareMotions(
-        input.scene, index, input.view_graph, pair_on_path, reconstruction);
     return EstimateModelConfidence(
         {input.scene, index, input.view_graph, pair_is_used,
-         adjusted.rejected_groups, reconstruction, motions.jumps,
+         adjusted.rejected_groups, adjusted.reconstruction, motions.jumps,
          motions.confirmed},
         options, context);
   };
+  const auto confidence_of = [&](const Mask& pair_is_used,
+                                 const MapperModel& adjusted) {
+    return confidence_by(compare(adjusted), pair_is_used, adjusted);
+  };
   {
     const RunningStage stage("seams", context);
-    model.confidence = confidence_of(input.pair_is_used, model);
-    model.refutes_motion = CompareMotions(input.scene, index, input.view_graph,
-                                          pair_on_path, model.reconstruction)
-                               .AreRefuted();
+    const ComparedMotions motions = compare(model);
+    model.confidence = confidence_by(motions, input.pair_is_used, model);
+    model.refutes_motion = motions.AreRefuted();
     stage.Finish(&model.times);
   }
   if (model.refutes_motion) return {std::move(model)};
