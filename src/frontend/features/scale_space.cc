@@ -9,6 +9,8 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "features/four.h"
+
 namespace mgsfm {
 namespace {
 
@@ -165,6 +167,20 @@ bool Refine(const DogTriple& dogs, int x, int y, const SiftOptions& options,
          level <= options.octave_resolution + 1;
 }
 
+// Whether D at one of the four pixels from `pixels` on has at least the
+// threshold and is above, or below, its neighbors in the row and the column.
+bool MayHaveExtremum(const float* pixels, ptrdiff_t stride, float threshold) {
+  const Four d = LoadFour(pixels);
+  const Four left = LoadFour(pixels - 1);
+  const Four right = LoadFour(pixels + 1);
+  const Four above = LoadFour(pixels - stride);
+  const Four below = LoadFour(pixels + stride);
+  return HasAny(((d >= threshold) & (d > left) & (d > right) & (d > above) &
+                 (d > below)) |
+                ((d <= -threshold) & (d < left) & (d < right) & (d < above) &
+                 (d < below)));
+}
+
 void DetectExtrema(const DogTriple& dogs, int octave_idx, int level,
                    const SiftOptions& options,
                    std::vector<ScaleSpacePoint>* points) {
@@ -175,6 +191,10 @@ void DetectExtrema(const DogTriple& dogs, int octave_idx, int level,
     std::array<const float*, 3> rows;
     for (int s = 0; s < 3; ++s) rows[s] = dogs[s]->ptr<float>(y);
     for (int x = 1; x + 1 < dogs[1]->cols; ++x) {
+      while (x + 5 < dogs[1]->cols &&
+             !MayHaveExtremum(rows[1] + x, stride, threshold)) {
+        x += 4;
+      }
       const float value = rows[1][x];
       if (std::abs(value) < threshold) continue;
       const std::array<const float*, 3> center = {rows[0] + x, rows[1] + x,

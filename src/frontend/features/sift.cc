@@ -4,13 +4,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <opencv2/core.hpp>
 #include <opencv2/core/hal/hal.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 #include <vector>
 
 #include "base/ranges.h"
+#include "features/four.h"
 #include "features/scale_space.h"
 #include "geometry/so3.h"
 
@@ -47,10 +48,15 @@ class GradientDescriber {
     std::vector<float> weight;       // Gaussian
     std::vector<float> column, row;  // position in cells of the descriptor
     std::vector<float> length, angle;
+    std::vector<int> sum_idx;
 
     // Makes room for `capacity` gradients and sets size to 0.
     void Reserve(size_t capacity);
     void ComputePolar();
+    // Sets the sums of a CellHistogram that gradients are added to, and
+    // replaces angle, column and row by fractions of their intervals. The
+    // descriptor has the orientation.
+    void FindSums(float orientation_rad);
   };
   // Appends the gradients of pixels [begin, end) of row y, weighted by
   // exp(factor |pixel - point|^2).
@@ -65,6 +71,11 @@ class GradientDescriber {
   int first_column_ = 0;
   std::vector<float> column_weights_;
 };
+
+// Rows are too far apart for the processor to fetch them ahead. Without these
+// requests, extraction takes 1.1 times as long.
+constexpr int kNumPrefetchedRows = 5;
+constexpr int kLineSize = 16;  // pixels of a line of the cache
 
 constexpr auto kTwoPi = static_cast<float>(2.0 * kPi);
 
@@ -148,38 +159,38 @@ std::vector<std::pair<float, float>> FindPeaks(const OrientationHistogram& h) {
 }
 
 // Histogram with a margin of one cell on each side, so that no gradient needs a
-// bounds check.
+// bounds check. Each place between four cells has a sum per cell and direction,
+// so that a gradient is added by two instructions.
 class CellHistogram {
  public:
-  // Column and row are in [0, kNumCells + 1), counted from the margin;
-  // direction is in [0, kNumDirections].
-  void Add(float column, float row, float direction, float value) {
-    const int c = static_cast<int>(column);
-    const int r = static_cast<int>(row);
-    const int d = static_cast<int>(direction);
-    const float fc = column - static_cast<float>(c);
-    const float fr = row - static_cast<float>(r);
-    const float fd = direction - static_cast<float>(d);
-    const float below = value * fr;
+  // Columns and rows are in [0, kNumCells + 1), counted from the margin;
+  // directions are in [0, kNumDirections]. A sum is that of a place (row,
+  // column), between the cells (row, column) and (row + 1, column + 1).
+  static constexpr int kNumColumns = kNumCells + 1;
+  static constexpr int kNumSums = kNumDirections + 2;
+
+  // Divides a value among the cells at a place, and the direction of `sum_idx`
+  // and the next, by the distance to them.
+  void Add(int sum_idx, float column_fraction, float row_fraction,
+           float direction_fraction, float value) {
+    const float below = value * row_fraction;
     const float above = value - below;
-    const float above_right = above * fc;
-    const float below_right = below * fc;
-    float* bin = &bins_[(r * kRowSize + c) * kColumnSize + d];
-    AddPair(above - above_right, fd, bin);
-    AddPair(above_right, fd, bin + kColumnSize);
-    bin += kRowSize * kColumnSize;
-    AddPair(below - below_right, fd, bin);
-    AddPair(below_right, fd, bin + kColumnSize);
+    const float above_right = above * column_fraction;
+    const float below_right = below * column_fraction;
+    const Four cells = {above - above_right, above_right, below - below_right,
+                        below_right};
+    const Four next = cells * direction_fraction;
+    sums_[sum_idx] += cells - next;
+    sums_[sum_idx + 1] += next;
   }
 
   SiftDescriptor Inner() const {
     SiftDescriptor inner;
     float* out = inner.data();
-    for (int r = 1; r <= kNumCells; ++r) {
-      for (int c = 1; c <= kNumCells; ++c) {
-        const float* bin = &bins_[(r * kRowSize + c) * kColumnSize];
-        std::copy(bin, bin + kNumDirections, out);
-        out[0] += bin[kNumDirections];  // 2 pi is 0
+    for (int row = 1; row <= kNumCells; ++row) {
+      for (int column = 1; column <= kNumCells; ++column) {
+        for (int d = 0; d < kNumDirections; ++d) out[d] = At(row, column, d);
+        out[0] += At(row, column, kNumDirections);  // 2 pi is 0
         out += kNumDirections;
       }
     }
@@ -187,15 +198,17 @@ class CellHistogram {
   }
 
  private:
-  static constexpr int kRowSize = kNumCells + 2;
-  static constexpr int kColumnSize = kNumDirections + 2;
-  static void AddPair(float value, float fraction, float* bins) {
-    const float second = value * fraction;
-    bins[0] += value - second;
-    bins[1] += second;
+  // The value of a cell, from the four places around it.
+  float At(int row, int column, int direction) const {
+    const auto sums = [&](int r, int c) -> const auto& {
+      return sums_[(r * kNumColumns + c) * kNumSums + direction];
+    };
+    return sums(row, column)[0] + sums(row, column - 1)[1] +
+           sums(row - 1, column)[2] + sums(row - 1, column - 1)[3];
   }
 
-  std::array<float, kRowSize * kRowSize * kColumnSize> bins_{};
+  // Per place and direction: the four cells, row by row.
+  std::array<Four, kNumColumns * kNumColumns * kNumSums> sums_{};
 };
 
 void Normalize(SiftDescriptor* descriptor) {
@@ -208,7 +221,9 @@ void Normalize(SiftDescriptor* descriptor) {
 
 void GradientDescriber::Gradients::Reserve(size_t capacity) {
   size = 0;
+  capacity += 3;  // the last step is a whole one
   if (dx.size() >= capacity) return;
+  sum_idx.resize(capacity);
   for (auto* values : {&dx, &dy, &weight, &column, &row, &length, &angle}) {
     values->resize(capacity);
   }
@@ -219,6 +234,30 @@ void GradientDescriber::Gradients::ComputePolar() {
   cv::hal::magnitude32f(dx.data(), dy.data(), length.data(), num);
   cv::hal::fastAtan32f(dy.data(), dx.data(), angle.data(), num,
                        /*angleInDegrees=*/false);
+}
+
+void GradientDescriber::Gradients::FindSums(float orientation_rad) {
+  // Returns the fractions of values, and leaves the integers.
+  const auto split = [](Four* values) {
+    const Four integers = __builtin_convertvector(
+        __builtin_convertvector(*values, FourInts), Four);
+    return std::exchange(*values, integers) - integers;
+  };
+  for (size_t i = 0; i < size; i += 4) {
+    // Orientations exceed the range [0, 2 pi) by at most half a bin.
+    Four d = orientation_rad - LoadFour(&angle[i]);
+    d = d < 0.0f ? d + kTwoPi : d;
+    d = d >= kTwoPi ? d - kTwoPi : d;
+    d = (d > 0.0f ? d : Four{}) * (kNumDirections / kTwoPi);
+    Four c = LoadFour(&column[i]);
+    Four r = LoadFour(&row[i]);
+    StoreFour(split(&d), &angle[i]);
+    StoreFour(split(&c), &column[i]);
+    StoreFour(split(&r), &row[i]);
+    const Four idx =
+        (r * CellHistogram::kNumColumns + c) * CellHistogram::kNumSums + d;
+    StoreFour(__builtin_convertvector(idx, FourInts), &sum_idx[i]);
+  }
 }
 
 void GradientDescriber::ComputeColumnWeights(float center, float factor,
@@ -237,18 +276,31 @@ void GradientDescriber::AppendRow(const cv::Mat& level,
   const float* above = level.ptr<float>(y - 1);
   const float* pixel = level.ptr<float>(y);
   const float* below = level.ptr<float>(y + 1);
+  const float* later =
+      level.ptr<float>(std::min(y + kNumPrefetchedRows, level.rows - 1));
+  for (int x = begin; x < end + kLineSize; x += kLineSize) {
+    __builtin_prefetch(later + x);
+  }
   const float dy = static_cast<float>(y) - point.y;
   const float row_weight = std::exp(factor * dy * dy);
   const float* weights = column_weights_.data() + (begin - first_column_);
-  const size_t size = gradients_.size;
-  // One loop per array: compilers vectorize only loops over few arrays.
-  std::transform(pixel + begin + 1, pixel + end + 1, pixel + begin - 1,
-                 gradients_.dx.data() + size, std::minus<>());
-  std::transform(below + begin, below + end, above + begin,
-                 gradients_.dy.data() + size, std::minus<>());
-  std::transform(weights, weights + (end - begin),
-                 gradients_.weight.data() + size,
-                 [&](float weight) { return row_weight * weight; });
+  float* gradient_x = gradients_.dx.data() + gradients_.size;
+  float* gradient_y = gradients_.dy.data() + gradients_.size;
+  float* weight = gradients_.weight.data() + gradients_.size;
+  int x = begin;
+  for (; x + 4 <= end; x += 4) {
+    const int i = x - begin;
+    StoreFour(LoadFour(pixel + x + 1) - LoadFour(pixel + x - 1),
+              gradient_x + i);
+    StoreFour(LoadFour(below + x) - LoadFour(above + x), gradient_y + i);
+    StoreFour(row_weight * LoadFour(weights + i), weight + i);
+  }
+  for (; x < end; ++x) {
+    const int i = x - begin;
+    gradient_x[i] = pixel[x + 1] - pixel[x - 1];
+    gradient_y[i] = below[x] - above[x];
+    weight[i] = row_weight * weights[i];
+  }
   gradients_.size += static_cast<size_t>(end - begin);
 }
 
@@ -275,11 +327,13 @@ std::vector<float> GradientDescriber::FindOrientations(
   const float bins_per_radian = kNumOrientationBins / kTwoPi;
   for (size_t i = 0; i < gradients_.size; ++i) {
     const float bin = gradients_.angle[i] * bins_per_radian;
-    const int k = static_cast<int>(bin);
+    const int k = static_cast<int>(bin);  // at most the number of bins
+    const int before = k < kNumOrientationBins ? k : 0;
+    const int after = before + 1 < kNumOrientationBins ? before + 1 : 0;
     const float fraction = bin - static_cast<float>(k);
     const float value = gradients_.weight[i] * gradients_.length[i];
-    histogram[k % kNumOrientationBins] += (1.0f - fraction) * value;
-    histogram[(k + 1) % kNumOrientationBins] += fraction * value;
+    histogram[before] += (1.0f - fraction) * value;
+    histogram[after] += fraction * value;
   }
   std::vector<std::pair<float, float>> peaks = FindPeaks(Smooth(histogram));
   StableSortDescendingBy(&peaks, [](const auto& a) { return a.first; });
@@ -331,19 +385,12 @@ SiftDescriptor GradientDescriber::Describe(const cv::Mat& level,
                                            float orientation_rad) {
   GatherCells(level, point, orientation_rad);
   gradients_.ComputePolar();
-  // Orientations exceed the range [0, 2 pi) by at most half a bin.
-  const float bins_per_radian = kNumDirections / kTwoPi;
-  for (size_t i = 0; i < gradients_.size; ++i) {
-    float angle = orientation_rad - gradients_.angle[i];
-    angle += angle < 0.0f ? kTwoPi : 0.0f;
-    angle -= angle >= kTwoPi ? kTwoPi : 0.0f;
-    gradients_.angle[i] = std::max(0.0f, angle) * bins_per_radian;
-    gradients_.length[i] *= gradients_.weight[i];
-  }
+  gradients_.FindSums(orientation_rad);
   CellHistogram histogram;
   for (size_t i = 0; i < gradients_.size; ++i) {
-    histogram.Add(gradients_.column[i], gradients_.row[i], gradients_.angle[i],
-                  gradients_.length[i]);
+    histogram.Add(gradients_.sum_idx[i], gradients_.column[i],
+                  gradients_.row[i], gradients_.angle[i],
+                  gradients_.length[i] * gradients_.weight[i]);
   }
   SiftDescriptor descriptor = histogram.Inner();
   Normalize(&descriptor);

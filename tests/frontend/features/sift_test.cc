@@ -228,6 +228,23 @@ TEST(SiftSizeTest, ConstantImagesHaveNoFeatures) {
   }
 }
 
+// Pixels are visited in rows, so that a transposed image visits others
+// together. Only sums of blurred pixels are rounded differently.
+TEST(SiftSizeTest, TransposedImagesHaveTransposedKeypoints) {
+  for (int width = 90; width < 98; ++width) {
+    const GrayImage image =
+        RenderBlobs(RandomBlobs(150, width, 71, 7), width, 71);
+    const Features features = ExtractSift(image, {});
+    const Features transposed = ExtractSift(image.transpose(), {});
+    ASSERT_GT(features.keypoints.size(), 30u);
+    ASSERT_EQ(features.keypoints.size(), transposed.keypoints.size());
+    for (const FeatureKeypoint& keypoint : features.keypoints) {
+      const Eigen::Vector2d place = PlaceOf(keypoint).reverse();
+      EXPECT_LT((PlaceOf(Nearest(transposed, place)) - place).norm(), 1e-2);
+    }
+  }
+}
+
 // Noise has extrema everywhere, including the borders.
 TEST(SiftSizeTest, AcceptsImagesOfAnySize) {
   Random random(1);
