@@ -77,19 +77,25 @@ struct ResectionResult {
 
 // Model extension adds the frames of a scene that an existing model lacks.
 //
-// 1. Passes, until one adds no frame: all frames without a pose are resected
+// 1. Only pairs with an image that the model lacks are verified. The points of
+//    the model stand for the matches that made them: tracks of the new pairs
+//    are joined with the points that share a keypoint (tracks/JoinPoints).
+//    Models that have no points, or all images, use all pairs.
+// 2. Passes, until one adds no frame: all frames without a pose are resected
 //    against the points (ResectFrames), each as one rigid unit.
 //    The sensors of a rig that is new to the model are calibrated in the same
-//    pass. Tracks are then established and triangulated again, and the frames
-//    of the pass are refined with all others fixed.
-// 2. Tracks, points and bundle adjustment of all frames, as in the mapper.
+//    pass. Tracks of new images are then triangulated, and the frames of the
+//    pass are refined with all others fixed.
+// 3. Bundle adjustment of all frames, as in the mapper, but with a single round
+//    of solve and triangulation, as all poses are near the optimum.
 //
 // Gauge: that of the existing model. Unless poses are fixed, the result is
 // aligned to the existing model by the similarity that fits the image poses, or
 // by a rigid transform if known sensor poses determine the unit of length.
 //
-// Cost: each pass is linear in the matches between frames with poses; bundle
-// adjustment dominates.
+// Cost: verification and tracks are linear in the matches of new images; a pass
+// and bundle adjustment, which converges in few iterations, in the observations
+// of the model.
 
 struct ExtensionOptions {
   Option<bool> fix_existing_frames{

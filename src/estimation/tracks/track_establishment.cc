@@ -6,6 +6,9 @@
 #include <vector>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
+#include "math/index_groups.h"
+#include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "pair_filtering/triplet_consistency.h"
@@ -132,6 +135,55 @@ ObservationGroups EstablishCandidates(const Scene& scene,
   return JoinMatches(scene, internal::KeypointNodes(scene), view_graph,
                      selection, options, context)
       .candidates;
+}
+
+ObservationGroups JoinPoints(const Scene& scene,
+                             const ObservationGroups& candidates,
+                             const std::vector<Point3D>& points) {
+  const internal::KeypointNodes nodes(scene);
+  constexpr int kNoPoint = -1;
+  std::vector<int> point_of_node(nodes.size(), kNoPoint);
+  for (size_t i = 0; i < points.size(); ++i) {
+    for (const Observation& o : points[i].track) {
+      point_of_node[nodes.NodeOf(o.image_idx, o.keypoint_idx)] =
+          static_cast<int>(i);
+    }
+  }
+  UnionFind sets(candidates.size() + points.size());
+  for (size_t g = 0; g < candidates.size(); ++g) {
+    for (const Observation* o = candidates.begin(g); o != candidates.end(g);
+         ++o) {
+      const int i = point_of_node[nodes.NodeOf(o->image_idx, o->keypoint_idx)];
+      if (i != kNoPoint) sets.Union(g, candidates.size() + i);
+    }
+  }
+  std::vector<int> set_of_member(sets.size());
+  for (size_t i = 0; i < sets.size(); ++i) {
+    set_of_member[i] = static_cast<int>(sets.Find(i));
+  }
+  const IndexGroups members = GroupByKey(set_of_member, sets.size());
+  ObservationGroups joined;
+  for (size_t g = 0; g < candidates.size(); ++g) {
+    const size_t begin = members.begin[set_of_member[g]];
+    const size_t end = members.begin[set_of_member[g] + 1];
+    if (members.items[begin] != static_cast<int>(g)) continue;
+    std::vector<Observation> observations;
+    for (size_t k = begin; k < end; ++k) {
+      const size_t i = members.items[k];
+      if (i < candidates.size()) {
+        observations.insert(observations.end(), candidates.begin(i),
+                            candidates.end(i));
+      } else {
+        const auto& track = points[i - candidates.size()].track;
+        observations.insert(observations.end(), track.begin(), track.end());
+      }
+    }
+    SortUnique(&observations);
+    joined.observations.insert(joined.observations.end(), observations.begin(),
+                               observations.end());
+    joined.FinishGroup();
+  }
+  return joined;
 }
 
 TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,

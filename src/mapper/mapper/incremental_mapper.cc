@@ -22,22 +22,6 @@
 namespace mgsfm {
 namespace {
 
-// A pair that averaging could not reach is used; one that a rule rejected is
-// not.
-bool IsUsable(const std::optional<RejectionReason>& verdict) {
-  return !verdict || verdict == RejectionReason::kUnknownSensorRotation ||
-         verdict == RejectionReason::kFrameWithoutRotation ||
-         verdict == RejectionReason::kDifferentComponents;
-}
-
-Mask UsablePairs(const PairVerdicts& verdicts) {
-  Mask is_usable(verdicts.size());
-  for (size_t i = 0; i < verdicts.size(); ++i) {
-    if (IsUsable(verdicts[i])) is_usable[i] = true;
-  }
-  return is_usable;
-}
-
 IncrementalResult Grow(const MapperRunInput& run, const VerifiedPairs& pairs,
                        const Mask& pair_is_used,
                        std::vector<StageTime>* times) {

@@ -70,6 +70,18 @@ JudgedPairs JudgePairs(const Run& run, const FramePairIndex& index,
   return judged;
 }
 
+Mask UsablePairs(const PairVerdicts& verdicts) {
+  Mask is_usable(verdicts.size());
+  for (size_t i = 0; i < verdicts.size(); ++i) {
+    const auto& verdict = verdicts[i];
+    is_usable[i] = !verdict ||
+                   verdict == RejectionReason::kUnknownSensorRotation ||
+                   verdict == RejectionReason::kFrameWithoutRotation ||
+                   verdict == RejectionReason::kDifferentComponents;
+  }
+  return is_usable;
+}
+
 namespace {
 
 // ---------------------------------------------------------------- 6. Positions
@@ -208,14 +220,16 @@ void MapVerifiedPairs(const PositionStep& estimate_positions, const Run& run,
 // mislead.
 MapperResult MapOnce(const PairStep& map_pairs, const Run& run) {
   MapperResult result;
+  const std::optional<ViewGraph> of_new_images = PairsOfNewImages(run);
   VerifiedPairs pairs =
-      VerifyAllPairs(run.scene, run.matches, run.options, run.context, &result);
+      VerifyAllPairs(run.scene, of_new_images ? *of_new_images : run.matches,
+                     run.options, run.context, &result);
   const bool is_checked = !run.options.is_for_lenses;
   if (is_checked) {
     CheckKnownRigs(run.scene, {pairs.bearings, pairs.view_graph});
   }
   if (run.input.existing_model) {
-    ExtendModel(pairs, run.input, run.options, run.context, &result);
+    ExtendModel(run, of_new_images.has_value(), &pairs, &result);
   } else {
     map_pairs(run, &pairs, &result);
   }

@@ -46,6 +46,9 @@ struct JudgedPairs {
                                      VerifiedPairs* pairs,
                                      std::vector<StageTime>* times);
 
+// Pairs that no rule rejects. A pair that averaging could not reach is used.
+[[nodiscard]] Mask UsablePairs(const PairVerdicts& verdicts);
+
 // The step from rotations to positions and points; EstimatePositions() in the
 // mapper.
 using PositionStep = std::function<PositionResult(

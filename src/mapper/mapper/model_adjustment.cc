@@ -47,6 +47,21 @@ CandidateSource MakeCandidateSource(const Scene& scene,
   return {groups, &matches};
 }
 
+CandidateSource CandidatesOf(const AdjustmentInput& input, const Scene& scene,
+                             const MapperOptions& options,
+                             const Context& context) {
+  CandidateSource source =
+      MakeCandidateSource(scene, input.view_graph, input.matches,
+                          input.pair_is_used, options, context);
+  if (!input.keeps_points) return source;
+  return {[&scene, groups = std::move(source.groups)](
+              const Reconstruction& model, double max_error_px) {
+            return std::make_shared<const ObservationGroups>(
+                JoinPoints(scene, *groups(model, max_error_px), model.points));
+          },
+          source.matches};
+}
+
 namespace {
 
 void LogPriors(const PositionPriorSummary& summary, const Context& context) {
@@ -192,9 +207,7 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
 CandidateSource MakeObservedSource(const AdjustmentInput& input,
                                    const MapperOptions& options,
                                    const Context& context) {
-  CandidateSource source =
-      MakeCandidateSource(input.scene, input.view_graph, input.matches,
-                          input.pair_is_used, options, context);
+  CandidateSource source = CandidatesOf(input, input.scene, options, context);
   if (!input.observer) return source;
   return {[groups = std::move(source.groups), observer = input.observer](
               const Reconstruction& model, double max_error_px) {
@@ -247,11 +260,9 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
           ParseMetricScale(options.metric_scale, input.scene)) {
     measured.known_distances = baseline->sensor_idxs;
   }
-  return EstimateRigDelays(
-      input.scene, measured,
-      MakeCandidateSource(input.scene, input.view_graph, input.matches,
-                          input.pair_is_used, options, context),
-      model, options.bundle_adjustment, context);
+  return EstimateRigDelays(input.scene, measured,
+                           CandidatesOf(input, input.scene, options, context),
+                           model, options.bundle_adjustment, context);
 }
 
 // Bundle adjustment. Drops the rig from `priors` if the observations of the
@@ -347,8 +358,7 @@ SoftRigResult AdjustTimes(const AdjustmentInput& input, BundlePriors priors,
                           const MapperModel& model) {
   const std::function<CandidateSource(const Scene&)> candidates =
       [&](const Scene& seen) {
-        return MakeCandidateSource(seen, input.view_graph, input.matches,
-                                   input.pair_is_used, options, context);
+        return CandidatesOf(input, seen, options, context);
       };
   return EstimateRigTiming({input.scene,
                             times,
@@ -435,12 +445,11 @@ void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
   priors.calibration.sensors.clear();  // each image is a sensor
   KeepImagePoses(
       input.scene, options,
-      EstimateSoftRig(
-          {input.scene, separate,
-           MakeCandidateSource(separate, input.view_graph, input.matches,
-                               input.pair_is_used, options, context),
-           model->reconstruction, std::move(priors)},
-          options.soft_rig, options.bundle_adjustment, stage.context()),
+      EstimateSoftRig({input.scene, separate,
+                       CandidatesOf(input, separate, options, context),
+                       model->reconstruction, std::move(priors)},
+                      options.soft_rig, options.bundle_adjustment,
+                      stage.context()),
       context, model);
   stage.Finish(&model->times);
 }

@@ -32,6 +32,9 @@ struct AdjustmentInput {
   const GravityPriors& gravity;
   Mask pair_is_used = {};  // those whose matches make tracks
   bool is_metric = false;  // the first model
+  // The points of the initial model stand for the matches that made them; pairs
+  // are those with new images.
+  bool keeps_points = false;
   // The existing model of an extension, or null. It determines the world frame
   // of the result unless position priors do.
   const Reconstruction* start = nullptr;
@@ -39,6 +42,12 @@ struct AdjustmentInput {
   ModelObserver observer = {};  // of the rounds of bundle adjustment
   SharedCalibration* calibration = nullptr;  // of all models, or null
 };
+
+// The candidates of a scene with the images of the input. Refers to its
+// arguments but the mask.
+CandidateSource CandidatesOf(const AdjustmentInput& input, const Scene& scene,
+                             const MapperOptions& options,
+                             const Context& context);
 
 // Throws Error if the method estimates times and an image has none.
 void CheckTimes(const Scene& scene, SoftRig method);

@@ -12,6 +12,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/mapper/mapper.h"
+#include "pair_filtering/frame_pair_index.h"
 #include "registration/frame_addition.h"
 #include "soft_rig/shared_calibration.h"
 
@@ -94,6 +95,23 @@ void CheckExtensionOptions(const MapperOptions& options,
   }
 }
 
+// Drops the pairs that the rules on rotations and moving objects reject.
+void DropRejectedPairs(const MapperRunInput& run, VerifiedPairs* pairs,
+                       MapperResult* result) {
+  const FramePairIndex index(run.scene, pairs->view_graph,
+                             run.options.pair_filtering.is_sequence);
+  const JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
+  const PairVerdicts& verdicts = judged.rotations.verdicts;
+  result->rejected_pairs =
+      CountRejections(verdicts, pairs->num_of_fixed_regions);
+  const Mask is_usable = UsablePairs(verdicts);
+  std::vector<ImagePair> usable;
+  for (size_t i = 0; i < is_usable.size(); ++i) {
+    if (is_usable[i]) usable.push_back(std::move(pairs->view_graph.pairs[i]));
+  }
+  pairs->view_graph.pairs = std::move(usable);
+}
+
 }  // namespace
 
 std::string ReasonForRejection(const ResectedFrame& frame,
@@ -142,35 +160,55 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
   }
 }
 
-void ExtendModel(const VerifiedPairs& pairs, const MapperInput& mapper_input,
-                 const MapperOptions& options, const Context& context,
-                 MapperResult* result) {
-  const Reconstruction& existing = *mapper_input.existing_model;
+std::optional<ViewGraph> PairsOfNewImages(const MapperRunInput& run) {
+  const auto& model = run.input.existing_model;
+  if (!model || model->points.empty()) return std::nullopt;
+  Mask is_new(run.scene.images.size());
+  for (size_t i = 0; i < run.scene.images.size(); ++i) {
+    is_new[i] = !model->IsRegistered(run.scene, static_cast<int>(i));
+  }
+  if (is_new.Count() == 0) return std::nullopt;
+  ViewGraph of_new;
+  for (const ImagePair& pair : run.matches.pairs) {
+    if (is_new[pair.image_idx1] || is_new[pair.image_idx2]) {
+      of_new.pairs.push_back(pair);
+    }
+  }
+  return of_new;
+}
+
+void ExtendModel(const MapperRunInput& run, bool keeps_points,
+                 VerifiedPairs* verified, MapperResult* result) {
+  const Context& context = run.context;
+  const Reconstruction& existing = *run.input.existing_model;
+  DropRejectedPairs(run, verified, result);
+  const VerifiedPairs& pairs = *verified;
   const ViewGraph& view_graph = pairs.view_graph;
-  CheckExtensionOptions(options, mapper_input.position_priors);
-  const bool are_fixed = options.extension.fix_existing_frames;
+  CheckExtensionOptions(run.options, run.input.position_priors);
+  const bool are_fixed = run.options.extension.fix_existing_frames;
   const Reconstruction start =
       are_fixed ? existing : AtKnownPoses(pairs.scene, existing);
   const std::optional<Scene> adapted =
       AdaptKnownLengths({pairs.scene, pairs.bearings, view_graph, start},
-                        options.extension.resection, context);
+                        run.options.extension.resection, context);
   const Scene& scene = adapted ? *adapted : pairs.scene;
+  MapperOptions options = run.options;
+  if (keeps_points) options.bundle_adjustment.num_rounds = 1;
   MapperModel model;
-  AdjustmentInput input{scene, view_graph, view_graph,
-                        mapper_input.position_priors,
-                        mapper_input.gravity_priors};
+  AdjustmentInput input{scene, view_graph,
+                        keeps_points ? run.matches : view_graph,
+                        run.input.position_priors, run.input.gravity_priors};
   input.pair_is_used.assign(view_graph.pairs.size(), true);
   input.is_metric = IsMetric(scene, start);
+  input.keeps_points = keeps_points;
   input.start = &start;
-  input.observer = mapper_input.observer;
+  input.observer = run.input.observer;
   if (are_fixed) input.held = FixAllOf(start);
-  const CandidateSource candidates = MakeCandidateSource(
-      scene, view_graph, view_graph, input.pair_is_used, options, context);
   const RunningStage stage("resection", context);
-  ExtendedModel extended =
-      AddFrames({scene, pairs.bearings, view_graph, start}, candidates,
-                options.extension.resection, options.bundle_adjustment,
-                stage.context(), input.observer);
+  ExtendedModel extended = AddFrames(
+      {scene, pairs.bearings, view_graph, start},
+      CandidatesOf(input, scene, options, context), options.extension.resection,
+      options.bundle_adjustment, stage.context(), input.observer);
   stage.Finish(&model.times);
   model.extension = std::move(extended.summary);
   model.extension->frames_are_fixed = are_fixed;

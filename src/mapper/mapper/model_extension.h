@@ -1,23 +1,30 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "mapper/mapper_recipe.h"
 #include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
 
 namespace mgsfm {
 
+// The pairs with an image that the existing model lacks. nullopt if all pairs
+// are needed: there is no model, it has no points, or it has all images.
+[[nodiscard]] std::optional<ViewGraph> PairsOfNewImages(
+    const MapperRunInput& run);
+
 // Extends the existing model of the input as
-// mgsfm/registration/model_extension.h describes. Adds to the result the model,
+// mgsfm/registration/model_extension.h describes. `keeps_points` if the pairs
+// are those of new images. Adds to the result the model,
 // the reason for every frame that could not be added, and the sensors of the
 // rotation summary. Throws Error if frames are to be fixed although position
 // priors or a soft rig would move them.
-void ExtendModel(const VerifiedPairs& pairs, const MapperInput& input,
-                 const MapperOptions& options, const Context& context,
-                 MapperResult* result);
+void ExtendModel(const MapperRunInput& run, bool keeps_points,
+                 VerifiedPairs* pairs, MapperResult* result);
 
 // Why a frame could not be registered.
 [[nodiscard]] std::string ReasonForRejection(const ResectedFrame& frame,
