@@ -218,13 +218,7 @@ TrackResult EstablishGrowthTracks(const IncrementalInput& input,
   TrackCoverage coverage(candidates, input.scene.images.size());
   const int max_num = options.tracks.max_tracks_per_image;
   coverage.Select(2, max_num > 0 ? max_num : kTracksPerImage);
-  TrackResult result;
-  for (size_t t = 0; t < candidates.size(); ++t) {
-    if (!coverage.is_selected()[t]) continue;
-    result.estimate.observations.insert(result.estimate.observations.end(),
-                                        candidates.begin(t), candidates.end(t));
-    result.estimate.FinishGroup();
-  }
+  TrackResult result{coverage.Selected(), {}};
   TrackSummary& summary = result.summary;
   summary.num_components = candidates.size();
   summary.num_tracks = result.estimate.size();
