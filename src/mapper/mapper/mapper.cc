@@ -276,6 +276,12 @@ MapperOptions OptionsOfRounds(MapperOptions options) {
   return options;
 }
 
+std::optional<LensModel> FirstModel(MapperResult mapped) {
+  if (mapped.models.empty()) return std::nullopt;
+  return LensModel{std::move(mapped.models[0].reconstruction),
+                   std::move(mapped.models[0].focal_lengths)};
+}
+
 // Maps the scene. First estimates the lenses without calibration, if there are
 // any, from pairs and then by maps of a part of the scene
 // (lenses/lens_calibration.h).
@@ -316,13 +322,7 @@ MapperResult MapWithLenses(const PairStep& map_pairs, const MapperInput& input,
     quiet.log = nullptr;
     const LensMapper map_round = [&](const Lenses& of_round,
                                      const ViewGraph& matches) {
-      MapperResult mapped = map(of_round, matches, of_rounds, quiet);
-      std::optional<LensModel> model;
-      if (!mapped.models.empty()) {
-        model = {std::move(mapped.models[0].reconstruction),
-                 std::move(mapped.models[0].focal_lengths)};
-      }
-      return model;
+      return FirstModel(map(of_round, matches, of_rounds, quiet));
     };
     lenses = CalibrateLenses({scene, input.scene.cameras, start, uncalibrated},
                              map_round, lens_options, lens_stage.context());
