@@ -8,6 +8,7 @@
 #include <cstddef>
 
 #include "base/format.h"
+#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "registration/unit_resection.h"
@@ -15,8 +16,6 @@
 
 namespace mgsfm {
 namespace {
-
-using Vector6 = Eigen::Matrix<double, 6, 1>;
 
 // Two samples cannot show which of them is wrong.
 constexpr size_t kMinNumSamples = 3;
@@ -31,14 +30,6 @@ CameraPoints InliersOf(const CameraPoints& points, const Rigid3& pose) {
     inliers.points.push_back(points.points[i]);
   }
   return inliers;
-}
-
-// The difference of a pose from another in the coordinates of a step.
-Vector6 DifferenceOf(const Rigid3& pose, const Rigid3& from) {
-  Vector6 difference;
-  difference << LogSO3(pose.rotation * from.rotation.conjugate()),
-      pose.translation - from.translation;
-  return difference;
 }
 
 }  // namespace
@@ -106,18 +97,18 @@ MeanPose MeanOf(const Samples& samples) {
   for (const auto& sample : samples) poses.push_back(sample.sensor_from_rig);
   const Rigid3 typical = TypicalPose(poses);
   PoseMatrix information = PoseMatrix::Zero();
-  Vector6 sum = Vector6::Zero();
+  PoseVector sum = PoseVector::Zero();
   for (const auto& sample : samples) {
     information += sample.information;
-    sum += sample.information * DifferenceOf(sample.sensor_from_rig, typical);
+    sum += sample.information * UpdateBetween(typical, sample.sensor_from_rig);
   }
   const PoseMatrix covariance =
       information.ldlt().solve(PoseMatrix::Identity());
-  const Vector6 mean = covariance * sum;
+  const PoseVector mean = covariance * sum;
   double chi2 = 0.0;
   for (const auto& sample : samples) {
-    const Vector6 difference =
-        DifferenceOf(sample.sensor_from_rig, typical) - mean;
+    const PoseVector difference =
+        UpdateBetween(typical, sample.sensor_from_rig) - mean;
     chi2 += difference.dot(sample.information * difference);
   }
   double variance_factor = 1.0;
@@ -130,8 +121,7 @@ MeanPose MeanOf(const Samples& samples) {
         Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(block).eigenvalues()[2];
     return std::sqrt(std::max(0.0, variance_factor * variance));
   };
-  return {{(ExpSO3(mean.head<3>()) * typical.rotation).normalized(),
-           typical.translation + mean.tail<3>()},
+  return {Updated(typical, mean),
           largest_sigma(covariance.topLeftCorner<3, 3>()),
           largest_sigma(covariance.bottomRightCorner<3, 3>())};
 }

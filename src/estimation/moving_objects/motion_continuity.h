@@ -43,7 +43,7 @@ namespace mgsfm {
 //
 // Solver: dynamic programming over the hypotheses and a range of distances,
 // close enough together (motion_search.h). Where no hypothesis is chosen,
-// motions over several steps take part in a second choice (long_motions.h).
+// motions over several steps take part in a second choice.
 // Unknown distances of the solution are interpolated between known ones. Cost:
 // linear in the steps.
 //

@@ -240,8 +240,7 @@ MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
           with_depth.Balance() + without_depth.Balance()};
 }
 
-Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
-                                         const ImagePair& pair) {
+PoseMatrix CovarianceOf(const MotionProblem& problem, const ImagePair& pair) {
   const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
                     *pair.relative_pose->translation_direction};
   const RayMatches rays = RaysOf(problem.bearings, pair);

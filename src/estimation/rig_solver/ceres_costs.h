@@ -279,8 +279,8 @@ class PriorCost : public ceres::CostFunction {
 };
 
 // Writes the derivatives of a prior with respect to one of its blocks.
-inline void WriteJacobian(const Eigen::Matrix<double, 6, 6>& derivative,
-                          int size, double* jacobian) {
+inline void WriteJacobian(const PoseMatrix& derivative, int size,
+                          double* jacobian) {
   if (jacobian == nullptr) return;
   for (int i = 0; i < size; ++i) {
     for (int j = 0; j < 6; ++j) jacobian[7 * i + j] = derivative(i, j);

@@ -10,18 +10,17 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // The weight rho' of a prior and the columns of its blocks, with zeros for
 // constant coordinates.
 struct WeightedPrior {
   double weight = 1.0;
-  Eigen::Matrix<double, 6, 1> value;
+  PoseVector value;
   std::array<int, 2> blocks = {kNoBlock, kNoBlock};
-  std::array<Matrix6d, 2> columns;
+  std::array<PoseMatrix, 2> columns;
 };
 
-void SetColumns(int block, const PoseMask& mask, const Matrix6d& derivative,
+void SetColumns(int block, const PoseMask& mask, const PoseMatrix& derivative,
                 int part, WeightedPrior* prior) {
   prior->blocks[part] = block;
   prior->columns[part] = derivative * mask.asDiagonal();
@@ -199,7 +198,7 @@ void MultiplyPosePriors(const RigProblemBase& problem, const RigStructure& s,
                         const RigState& state, const Eigen::VectorXd& x,
                         Eigen::VectorXd* y) {
   VisitPriors(problem, s, state, [&](const WeightedPrior& prior) {
-    Eigen::Matrix<double, 6, 1> sum = Eigen::Matrix<double, 6, 1>::Zero();
+    PoseVector sum = PoseVector::Zero();
     for (int a = 0; a < 2; ++a) {
       if (prior.blocks[a] == kNoBlock) continue;
       sum += UsedColumns(s, prior, a) *

@@ -2,8 +2,12 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/rig_problem.h"
 #include "soft_rig/soft_rig_problem.h"
@@ -46,7 +50,6 @@ PoseVector PriorVariances(const DeviationSigma& sigma);
 
 // The derivative of the expected pose of an image with respect to a change of
 // the pose of its sensor.
-using SensorJacobian = PoseMatrix;
 
 // The normal equations of the extrinsics of a rig. Unknowns: 6 per sensor, in
 // the order of the sensors of the rig ("slots").
@@ -58,7 +61,7 @@ class CalibrationEquations {
   // sensor, its prior variances, and the derivative of its expected pose.
   void AddFrame(const FrameDeviations& frame, const std::vector<int>& slots,
                 const std::vector<PoseVector>& prior_variances,
-                const std::vector<SensorJacobian>& jacobians);
+                const std::vector<PoseMatrix>& jacobians);
   // Adds a prior on the change of a pose.
   void AddPrior(int slot, const PoseVector& change,
                 const PoseVector& variances);
@@ -70,5 +73,23 @@ class CalibrationEquations {
   Eigen::MatrixXd matrix_;
   Eigen::VectorXd vector_;
 };
+
+// The expected pose S_s D_i of soft_rig.h per image; nullopt for unregistered
+// images.
+std::vector<std::optional<Rigid3>> ExpectedPoses(const Scene& scene,
+                                                 const Reconstruction& rig);
+
+// The derivative of the expected pose with respect to the pose of the sensor,
+// in the coordinates of rig_problem.h.
+PoseMatrix ExpectedPoseJacobian(const Scene& scene, const Reconstruction& rig,
+                                int image_idx);
+
+// One generalized least squares step of the extrinsics of all rigs: the
+// quantities of soft_rig.h that the images of a sensor share.
+void UpdateExtrinsics(const Scene& scene,
+                      const std::vector<FrameDeviations>& frames,
+                      const std::vector<DeviationSigma>& sigmas,
+                      const BundleAdjustmentOptions& options,
+                      Reconstruction* rig);
 
 }  // namespace mgsfm

@@ -7,9 +7,11 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "bundle_adjustment/solve.h"
+#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "rig_solver/image_poses.h"
 #include "rig_solver/pose_covariances.h"
@@ -440,10 +442,9 @@ ScoreColumns NumberColumns(const Scene& scene, const TimedRig& rig,
 void FixGaugeOfFrames(const Scene& scene, const std::vector<int>& sensor_idxs,
                       RigGauge gauge, BuiltProblem* built) {
   BundleProblem& problem = built->problem;
-  const bool is_known =
-      std::any_of(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
-        return scene.sensors[sensor_idx].sensor_from_rig.has_value();
-      });
+  const bool is_known = AnyOf(sensor_idxs, [&](int sensor_idx) {
+    return scene.sensors[sensor_idx].sensor_from_rig.has_value();
+  });
   std::fill(problem.frame_masks.begin(), problem.frame_masks.end(),
             PoseMask::Ones());
   if (is_known && gauge == RigGauge::kKnownPoses) {
@@ -471,8 +472,8 @@ KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
     const auto first = static_cast<Eigen::Index>(kColumns * k);
     known.information.segment<6>(first) =
         (scores.sigma_px * information).cwiseAbs2().cwiseProduct(refined.mask);
-    known.deviation.segment<6>(first) = DeviationOf(
-        *model.sensor_from_rig[sensor_idx], refined.prior->sensor_from_rig);
+    known.deviation.segment<6>(first) = UpdateBetween(
+        refined.prior->sensor_from_rig, *model.sensor_from_rig[sensor_idx]);
   }
   for (size_t c = 0; c < scores.camera_idxs.size(); ++c) {
     const Camera& camera = scene.cameras[scores.camera_idxs[c]];
@@ -497,8 +498,8 @@ std::optional<RigScores> ComputeRigScores(
     RigGauge gauge) {
   BundleAdjustmentOptions adjusted =
       rig.estimates_delays ? RefiningKnownPoses(options) : options;
-  const double sigma_px = std::max(
-      kMinKeypointSigmaPx, NoiseSigmaPx(scene, rig.model, context.num_threads));
+  const double sigma_px =
+      KeypointSigmaPx(scene, rig.model, context.num_threads);
   adjusted.loss_scale_px = LossScalePx(options, sigma_px);
   adjusted.refine_principal_point = RefineMode::kNo;
   adjusted.refine_extra_params = RefineMode::kNo;
@@ -529,9 +530,6 @@ std::optional<RigScores> ComputeRigScores(
   }
   return result;
 }
-
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
 
 MatrixXd InvertInformation(MatrixXd information) {
   MatrixXd M = std::move(information);

@@ -101,13 +101,6 @@ void WriteBack(const BuiltProblem& soft, const Scene& scene,
   model->rig.cameras = model->separate.cameras;
 }
 
-PoseVector DeviationOf(const Rigid3& pose, const Rigid3& expected) {
-  PoseVector deviation;
-  deviation.head<3>() = LogSO3(pose.rotation * expected.rotation.conjugate());
-  deviation.tail<3>() = pose.translation - expected.translation;
-  return deviation;
-}
-
 std::vector<ErrorSums> SumErrors(const Scene& scene,
                                  const Reconstruction& reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);

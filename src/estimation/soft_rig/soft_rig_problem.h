@@ -48,9 +48,6 @@ void WriteBack(const BuiltProblem& soft, const Scene& scene,
                const std::vector<std::optional<Rigid3>>& expected,
                SoftRigModel* model);
 
-// The deviation (w, d) of `pose` from `expected`, see soft_rig.h.
-PoseVector DeviationOf(const Rigid3& pose, const Rigid3& expected);
-
 // The sum of reprojection errors over the images of a sensor.
 struct ErrorSums {
   double sum_px = 0.0;

@@ -10,6 +10,7 @@
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
+#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "soft_rig/soft_rig_problem.h"
@@ -27,14 +28,7 @@ constexpr Eigen::Index kDelayColumn = RigScores::kNumColumns - 1;
 std::vector<int> BlocksOfFrames(const Scene& scene, const CaptureTimes& times,
                                 const Reconstruction& model) {
   std::vector<int> blocks(scene.frames.size(), 0);
-  std::vector<std::vector<std::pair<double, int>>> frames(scene.rigs.size());
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
-    if (!model.rig_from_world[f]) continue;
-    frames[scene.frames[f].rig_idx].emplace_back(times.frames[f],
-                                                 static_cast<int>(f));
-  }
-  for (auto& of_rig : frames) {
-    std::sort(of_rig.begin(), of_rig.end());
+  for (const auto& of_rig : FramesOfRigs(scene, times, model)) {
     for (size_t k = 0; k < of_rig.size(); ++k) {
       blocks[of_rig[k].second] = static_cast<int>(k * 10 / of_rig.size());
     }
@@ -146,8 +140,7 @@ void ApplyStep(const Scene& scene, const CaptureTimes& times,
     const Eigen::Index delay = scores.DelayColumn(k);
     const PoseVector change = step.segment<6>(delay - 6);
     Rigid3& pose = *model.sensor_from_rig[scores.sensor_idxs[k]];
-    pose.rotation = (ExpSO3(change.head<3>()) * pose.rotation).normalized();
-    pose.translation += change.tail<3>();
+    pose = Updated(pose, change);
     rig->delays[scores.sensor_idxs[k]] += step[delay];
   }
   for (size_t k = 0; k < scores.readout_sensor_idxs.size(); ++k) {
