@@ -43,6 +43,9 @@ ImageView MakeImageView(const Scene& scene,
 // Per image of the scene.
 std::vector<ImageView> MakeImageViews(const Scene& scene,
                                       const Reconstruction& reconstruction);
+double ReprojectionError(const Scene& scene,
+                         const std::vector<ImageView>& views,
+                         const Observation& o, const Eigen::Vector3d& point);
 
 // Selection of points and observations. No function changes a pose or moves a
 // point. Observations in images without a pose are always removed.

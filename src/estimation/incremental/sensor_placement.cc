@@ -157,7 +157,7 @@ std::vector<PlacedSensor> SensorPlacement::Place(bool is_last_resort,
     const double error_px =
         (mean.rotation_sigma_rad +
          mean.translation_sigma / model->median_distance()) *
-        PixelsPerRadian(camera.model, camera.params.data());
+        PixelsPerRadian(camera);
     if (error_px > 0.5 * input_.options.bundle_adjustment.max_max_error_px) {
       continue;
     }

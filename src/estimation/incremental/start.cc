@@ -51,8 +51,7 @@ UnitMatches MatchesOfPair(const GrowthInput& input, const SensorPoses& sensors,
   UnitMatches matches{
       *sensors[image1.sensor_idx], *sensors[image2.sensor_idx], {}, 0.0};
   const auto pixels_per_radian = [&](const Image& image) {
-    const Camera& camera = scene.cameras[image.camera_idx];
-    return PixelsPerRadian(camera.model, camera.params.data());
+    return PixelsPerRadian(scene.cameras[image.camera_idx]);
   };
   matches.max_error_rad =
       2.0 * input.options.bundle_adjustment.min_max_error_px /

@@ -26,8 +26,7 @@ double SigmaOf(const FocalLengthMeasurement& m) {
 }
 
 double FocalLengthPx(const Camera& camera) {
-  return camera.params[FindCameraModel(static_cast<int32_t>(camera.model))
-                           ->focal_length_idxs.front()];
+  return camera.params[InfoOf(camera.model).focal_length_idxs.front()];
 }
 
 bool IsWrong(const Scene& scene, const FocalLengthMeasurement& m) {

@@ -75,8 +75,8 @@ CameraPoints PointsOf(const ResectionInput& input, int image_idx,
   CameraPoints result = CollectPoints(input.bearings, input.model, image_idx,
                                       input.matches[image_idx]);
   result.cam_from_unit = cam_from_unit;
-  result.max_error_rad = input.options.abs_pose_max_error_px /
-                         PixelsPerRadian(camera.model, camera.params.data());
+  result.max_error_rad =
+      input.options.abs_pose_max_error_px / PixelsPerRadian(camera);
   return result;
 }
 

@@ -61,9 +61,7 @@ std::vector<CameraPoints> MatchesOfSide(const SidesInput& input, bool is_beyond,
         CollectPoints(input.bearings, other, image_idx, found[i]);
     if (of_image.size() == 0) continue;
     of_image.cam_from_unit = *input.model.CamFromWorld(scene, image_idx);
-    of_image.max_error_rad =
-        input.max_error_px /
-        PixelsPerRadian(camera.model, camera.params.data());
+    of_image.max_error_rad = input.max_error_px / PixelsPerRadian(camera);
     cameras.push_back(std::move(of_image));
   }
   return cameras;

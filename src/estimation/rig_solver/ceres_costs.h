@@ -101,8 +101,7 @@ inline ImagePose MakeImagePose(const RigProblemBase& problem, int image_idx,
     pose.projection = FindPixelProjection(camera.model);
     pose.free_params = camera.free_params.data();
     pose.num_free_params = static_cast<int>(camera.free_params.size());
-    pose.num_params =
-        FindCameraModel(static_cast<int32_t>(camera.model))->num_params;
+    pose.num_params = InfoOf(camera.model).num_params;
   }
   return pose;
 }

@@ -84,8 +84,7 @@ struct Sums {
 };
 
 Vector2d PrincipalPoint(const Camera& camera) {
-  const auto& idxs =
-      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  const auto& idxs = InfoOf(camera.model).principal_point_idxs;
   return {camera.params[idxs[0]], camera.params[idxs[1]]};
 }
 
@@ -408,8 +407,8 @@ ScoreColumns NumberColumns(const Scene& scene, const TimedRig& rig,
   std::vector<bool> has_focal_length(scene.cameras.size(), false);
   for (const int i : built.image_idxs) {
     const Image& image = scene.images[i];
-    const CameraModelInfo& model = *FindCameraModel(
-        static_cast<int32_t>(scene.cameras[image.camera_idx].model));
+    const CameraModelInfo& model =
+        InfoOf(scene.cameras[image.camera_idx].model);
     is_seen[image.sensor_idx] = true;
     has_focal_length[image.camera_idx] = !model.focal_length_idxs.empty();
   }
@@ -477,8 +476,7 @@ KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
   }
   for (size_t c = 0; c < scores.camera_idxs.size(); ++c) {
     const Camera& camera = scene.cameras[scores.camera_idxs[c]];
-    const int focal = FindCameraModel(static_cast<int32_t>(camera.model))
-                          ->focal_length_idxs.front();
+    const int focal = InfoOf(camera.model).focal_length_idxs.front();
     const double sigma = camera.has_prior_focal_length
                              ? options.focal_length_prior_sigma
                              : options.focal_length_start_sigma;

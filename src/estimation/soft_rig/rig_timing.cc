@@ -363,11 +363,8 @@ bool ExplainsMore(const Scene& scene, const Reconstruction& a,
     double sum = 0.0;
     for (const Point3D& point : model.points) {
       for (const Observation& o : point.track) {
-        const double error_px = views[o.image_idx].ReprojectionError(
-            point.point_in_world, scene.images[o.image_idx]
-                                      .keypoints_px[o.keypoint_idx]
-                                      .cast<double>());
-        const double ratio = error_px / bound_px;
+        const double ratio =
+            ReprojectionError(scene, views, o, point.point_in_world) / bound_px;
         if (ratio < 1.0) sum += 1.0 - ratio * ratio;
       }
     }

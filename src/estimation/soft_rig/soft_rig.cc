@@ -82,8 +82,7 @@ SoftRigState InitialState(const SoftRigRun& input) {
   const double distance = MedianPointDistance(input, state.model);
   for (const Sensor& sensor : input.scene.sensors) {
     const Camera& camera = input.initial.cameras[sensor.camera_idx];
-    const double angle =
-        state.sigma_px / PixelsPerRadian(camera.model, camera.params.data());
+    const double angle = state.sigma_px / PixelsPerRadian(camera);
     state.sigmas.push_back({angle, angle * distance});
   }
   state.expected = ExpectedPoses(input.scene, input.initial);
@@ -247,7 +246,7 @@ double MaxErrorOfRound(const SoftRigRun& input, const SoftRigState& state,
     const Camera& camera =
         state.model.rig.cameras[input.scene.sensors[s].camera_idx];
     misfit_px = std::max(misfit_px,
-                         PixelsPerRadian(camera.model, camera.params.data()) *
+                         PixelsPerRadian(camera) *
                              std::hypot(state.sigmas[s].rotation_rad,
                                         state.sigmas[s].position / distance));
   }

@@ -108,13 +108,12 @@ std::vector<ErrorSums> SumErrors(const Scene& scene,
   for (const Point3D& point : reconstruction.points) {
     for (const Observation& o : point.track) {
       if (!views[o.image_idx].is_registered) continue;
-      const Image& image = scene.images[o.image_idx];
-      const double error_px = views[o.image_idx].ReprojectionError(
-          point.point_in_world,
-          image.keypoints_px[o.keypoint_idx].cast<double>());
+      const double error_px =
+          ReprojectionError(scene, views, o, point.point_in_world);
       if (!std::isfinite(error_px)) continue;
-      sums[image.sensor_idx].sum_px += error_px;
-      ++sums[image.sensor_idx].num_observations;
+      ErrorSums& of_sensor = sums[scene.images[o.image_idx].sensor_idx];
+      of_sensor.sum_px += error_px;
+      ++of_sensor.num_observations;
     }
   }
   return sums;

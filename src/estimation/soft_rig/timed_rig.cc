@@ -196,13 +196,12 @@ std::optional<Scene> WithoutReadouts(const Scene& scene, const TimedRig& rig) {
     const Camera& camera = model.cameras[image.camera_idx];
     for (size_t k = 0; k < image.keypoints_px.size(); ++k) {
       const Vector2d pixel = image.keypoints_px[k].cast<double>();
-      const auto ray = RayFromPixel(camera.model, camera.params.data(), pixel);
+      const auto ray = RayFromPixel(camera, pixel);
       if (!ray) continue;
       const double time =
           rig.readouts[image.sensor_idx] * (pixel.y() / camera.height_px - 0.5);
       const auto at_image =
-          ProjectToPixel(camera.model, camera.params.data(),
-                         After(distances[i][k] * *ray, rate, -time));
+          ProjectToPixel(camera, After(distances[i][k] * *ray, rate, -time));
       if (at_image) image.keypoints_px[k] = at_image->cast<float>();
     }
   }

@@ -77,8 +77,7 @@ LensValue LensOf(const Scene& scene, const MapperResult& result,
   const Camera& before = scene.cameras[camera_idx];
   const Camera& camera = model.reconstruction.cameras[camera_idx];
   const auto focal_length = [](const Camera& c) {
-    const auto& idxs =
-        FindCameraModel(static_cast<int32_t>(c.model))->focal_length_idxs;
+    const auto& idxs = InfoOf(c.model).focal_length_idxs;
     return idxs.empty() ? 0.0 : c.params[idxs.front()];
   };
   LensValue lens;
