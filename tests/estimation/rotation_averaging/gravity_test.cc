@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rotation_averaging/gravity.h"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/QR>
@@ -14,6 +12,7 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/rotation_averaging/rotation_averaging.h"
 #include "mgsfm/simulator/simulation.h"
+#include "rotation_averaging/rotation_solver.h"
 #include "support/prior_measurement.h"
 
 namespace mgsfm {
