@@ -7,7 +7,7 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "moving_objects/motion_candidates.h"
-#include "pair_filtering/temporal_order.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 

@@ -15,12 +15,44 @@
 #include "translation_averaging/baseline_directions.h"
 #include "translation_averaging/position_initialization.h"
 #include "translation_averaging/position_problem.h"
-#include "translation_averaging/position_rig_problem.h"
 #include "translation_averaging/refinement_terms.h"
 #include "translation_averaging/scale_averaging.h"
 #include "translation_averaging/track_points.h"
 
 namespace mgsfm {
+
+// Refines frame centers and sensor translations by eq. (16) of MGSfM,
+//
+//   min sum_p rho(w_p |b_p - C_p / |C_p||),
+//
+// with the directions b_p and baselines C_p of pairs, a Cauchy loss rho whose
+// scale is annealed to loss_scale_rad, and terms w log(|C_p| / s_p) that keep
+// the measured lengths s_p, which directions do not determine on straight
+// motion. Gauge: the first frame is constant; the s_p determine the unit of
+// length. Levenberg-Marquardt (rig_solver/rig_solver.h); stops when the
+// relative decrease of the cost is below function_tolerance.
+SolveSummary RefineCameras(const RefinementInput& input,
+                           const RefinementOptions& options,
+                           const Context& context, Positions* positions);
+
+// Refines centers, translations and points p_k by eq. (18) of MGSfM,
+//
+//   min sum_ik rho(|g_ik - (p_k - c_i) / |p_k - c_i||) + pairs,
+//
+// over the used observations of the tracks track_idxs, with rays g in world
+// axes. The pair terms above have a tenth of their weight and no lengths; they
+// constrain frames with too few points. Gauge: the first frame is constant, and
+// the farthest unknown keeps its length unless known sensor offsets determine
+// the unit. Points are eliminated (Schur complement).
+SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
+                                    const TrackRays& rays,
+                                    const std::vector<size_t>& track_idxs,
+                                    const RefinementOptions& options,
+                                    const Context& context,
+                                    PositionsAndPoints* placed);
+
+constexpr PositionObjective kNonBilinearObjective = {RefineCameras,
+                                                     RefineCamerasAndPoints};
 
 // The stages of AverageTranslations()
 // (mgsfm/translation_averaging/translation_averaging.h), from known rotations
@@ -50,7 +82,7 @@ PairMeasurements MeasurePairs(const BaselineInput& input,
 void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
                     TranslationSummary* summary);
 
-// Positions from the directions of pairs alone (position_rig_problem.h),
+// Positions from the directions of pairs alone (RefineCameras),
 // starting at input.initial. Without a usable solution, the result is the
 // start.
 struct RefinedPositions {

@@ -10,7 +10,7 @@
 #include "base/ranges.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "geometry/so3.h"
-#include "input_check/rest.h"
+#include "input_check/kept_matches.h"
 #include "mgsfm/base/mask.h"
 #include "scene/observations.h"
 #include "scene/value_check.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "input_check/image_sizes.h"
+#include "input_check/camera_checks.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
