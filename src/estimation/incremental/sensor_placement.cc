@@ -8,7 +8,6 @@
 #include <cstddef>
 
 #include "base/format.h"
-#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "registration/unit_resection.h"

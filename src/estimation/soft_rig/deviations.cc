@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "bundle_adjustment/problem_builder.h"
-#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {

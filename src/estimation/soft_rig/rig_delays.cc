@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "base/ranges.h"
-#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "soft_rig/rig_scores.h"
 #include "soft_rig/rig_timing.h"

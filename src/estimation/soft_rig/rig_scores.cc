@@ -11,7 +11,6 @@
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "bundle_adjustment/solve.h"
-#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "rig_solver/image_poses.h"
 #include "rig_solver/pose_covariances.h"

@@ -7,7 +7,6 @@
 #include "base/ranges.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "geometry/decompositions.h"
-#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"

@@ -9,7 +9,7 @@
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
-#include "geometry/pose_refinement.h"
+#include "geometry/so3.h"
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/rig_solver.h"
 #include "scene/observations.h"

@@ -10,7 +10,6 @@
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
-#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "soft_rig/soft_rig_problem.h"

@@ -10,21 +10,7 @@
 
 namespace mgsfm {
 
-// The pose after the update R <- Exp(delta[0:3]) R, t <- t + delta[3:6].
-inline Rigid3 Updated(const Rigid3& pose, const PoseVector& delta) {
-  return {(ExpSO3(delta.head<3>()) * pose.rotation).normalized(),
-          pose.translation + delta.tail<3>()};
-}
-
-// The update that leads from one pose to another.
-inline PoseVector UpdateBetween(const Rigid3& from, const Rigid3& to) {
-  PoseVector delta;
-  delta << LogSO3(to.rotation * from.rotation.conjugate()),
-      to.translation - from.translation;
-  return delta;
-}
-
-// Normal equations over this update.
+// Normal equations over the update R <- Exp(delta[0:3]) R, t <- t + delta[3:6].
 struct PoseEquations {
   PoseMatrix hessian = PoseMatrix::Zero();
   PoseVector gradient = PoseVector::Zero();

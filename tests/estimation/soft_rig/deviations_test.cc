@@ -7,7 +7,6 @@
 #include <cmath>
 
 #include "base/random.h"
-#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 #include "mgsfm/simulator/simulation.h"
 
