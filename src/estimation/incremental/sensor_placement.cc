@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "incremental/sensor_placement.h"
-
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -9,6 +7,7 @@
 
 #include "base/format.h"
 #include "geometry/so3.h"
+#include "incremental/growth_steps.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "registration/unit_resection.h"
 #include "scene/typical_pose.h"

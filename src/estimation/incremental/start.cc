@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "incremental/start.h"
-
 #include <algorithm>
 #include <map>
 #include <utility>
@@ -9,6 +7,7 @@
 #include "base/random.h"
 #include "geometry/generalized_pose.h"
 #include "geometry/so3.h"
+#include "incremental/growth_steps.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "scene/observations.h"
 

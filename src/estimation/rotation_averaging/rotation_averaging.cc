@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/graph.h"
 #include "math/statistics.h"
@@ -362,9 +363,9 @@ void CheckInput(const Input& input) {
 }
 
 bool HasUnknownSensor(const Scene& scene) {
-  return std::any_of(
-      scene.sensors.begin(), scene.sensors.end(),
-      [](const Sensor& sensor) { return !sensor.sensor_from_rig.has_value(); });
+  return AnyOf(scene.sensors, [](const Sensor& sensor) {
+    return !sensor.sensor_from_rig.has_value();
+  });
 }
 
 NodeStart StartOfFrames(const Input& input) {

@@ -10,7 +10,7 @@
 
 #include "base/ranges.h"
 #include "geometry/so3.h"
-#include "georegistration/gravity_leveling.h"
+#include "georegistration/world_frame.h"
 #include "math/graph.h"
 #include "mgsfm/base/error.h"
 #include "pair_filtering/frame_pair_index.h"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/ranges.h"
-#include "georegistration/metric_scale.h"
+#include "georegistration/world_frame.h"
 #include "input_check/known_rigs.h"
 #include "lenses/lens_calibration.h"
 #include "mapper/components.h"

@@ -28,9 +28,9 @@ std::string Count(size_t count, const char* one, const char* many) {
 // How precisely the known lengths of the rig determine the unit. The additional
 // information of positions is ignored.
 std::string MetricWithin(const MapperModel& model) {
-  const bool has_positions =
-      model.position_priors && model.position_priors->is_registered;
-  if (has_positions || !model.delays || !model.delays->unit) return "metric";
+  if (model.IsAtPositions() || !model.delays || !model.delays->unit) {
+    return "metric";
+  }
   const UnitError& unit = *model.delays->unit;
   std::string text = Formatted("metric within %.2g %%",
                                100.0 * std::expm1(unit.RelativeSigma()));
@@ -48,7 +48,7 @@ std::string UnitOfLength(const Scene& scene, const MapperResult& result,
     return (WhyRigsAreNotMetric(scene) ? "no meter" : MetricWithin(model)) +
            ", that of the known rig";
   }
-  if (model.position_priors && model.position_priors->is_registered) {
+  if (model.IsAtPositions()) {
     return "metric, that of the measured positions";
   }
   if (model.meters_per_unit) {

@@ -7,7 +7,7 @@
 
 #include "base/random.h"
 #include "geometry/so3.h"
-#include "georegistration/gravity_leveling.h"
+#include "georegistration/world_frame.h"
 #include "math/random_vector.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/rotation_averaging/rotation_averaging.h"
