@@ -19,7 +19,6 @@
 
 #include "geometry/so3.h"
 #include "rig_solver/baseline_terms.h"
-#include "rig_solver/ceres_manifolds.h"
 #include "rig_solver/ceres_solving.h"
 #include "rig_solver/image_poses.h"
 #include "rig_solver/pose_priors.h"
@@ -28,6 +27,9 @@
 
 namespace mgsfm {
 namespace {
+
+// The residuals of a rig problem as Ceres cost functions, with the derivatives
+// of the native solver.
 
 using RowMajor3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 

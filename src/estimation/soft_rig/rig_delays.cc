@@ -8,9 +8,9 @@
 
 #include "base/ranges.h"
 #include "geometry/so3.h"
+#include "soft_rig/deviations.h"
 #include "soft_rig/rig_scores.h"
 #include "soft_rig/rig_timing.h"
-#include "soft_rig/soft_rig_problem.h"
 #include "soft_rig/timed_rig.h"
 
 namespace mgsfm {

@@ -16,7 +16,7 @@
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/residuals.h"
 #include "rig_solver/rig_equations.h"
-#include "soft_rig/soft_rig_problem.h"
+#include "soft_rig/deviations.h"
 
 namespace mgsfm {
 namespace {

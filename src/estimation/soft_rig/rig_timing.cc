@@ -13,8 +13,8 @@
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/solve.h"
 #include "scene/observations.h"
+#include "soft_rig/deviations.h"
 #include "soft_rig/rig_scores.h"
-#include "soft_rig/soft_rig_problem.h"
 #include "soft_rig/timed_rig.h"
 
 namespace mgsfm {

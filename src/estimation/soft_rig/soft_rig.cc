@@ -14,7 +14,6 @@
 #include "rig_solver/rig_solver.h"
 #include "scene/observations.h"
 #include "soft_rig/deviations.h"
-#include "soft_rig/soft_rig_problem.h"
 
 namespace mgsfm {
 namespace {

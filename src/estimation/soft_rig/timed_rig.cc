@@ -12,7 +12,7 @@
 #include "bundle_adjustment/solve.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "soft_rig/soft_rig_problem.h"
+#include "soft_rig/deviations.h"
 
 namespace mgsfm {
 namespace {

@@ -21,6 +21,7 @@
 #include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -269,10 +270,7 @@ std::vector<KeptCount> CountKeptBetweenSensors(
   if (models.empty()) return {};
   ViewGraph between;
   for (const ImagePair& pair : verified.pairs) {
-    if (scene.images[pair.image_idx1].sensor_idx !=
-        scene.images[pair.image_idx2].sensor_idx) {
-      between.pairs.push_back(pair);
-    }
+    if (!IsOfOneSensor(scene, pair)) between.pairs.push_back(pair);
   }
   return CountKeptMatches(scene, between, models.front().reconstruction,
                           max_error_px, context)
