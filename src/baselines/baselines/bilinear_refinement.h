@@ -5,7 +5,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/solver.h"
-#include "translation_averaging/refinement_terms.h"
+#include "translation_averaging/translation_stages.h"
 
 namespace mgsfm {
 

@@ -9,7 +9,6 @@
 #include "mgsfm/base/solver.h"
 #include "rig_solver/rig_problem.h"
 #include "rig_solver/rig_solver.h"
-#include "translation_averaging/refinement_terms.h"
 #include "translation_averaging/translation_stages.h"
 
 namespace mgsfm {
