@@ -88,25 +88,25 @@ std::string MakePage(const ModelPage& shown, const Context& context) {
   const MapperModel& model = shown.model;
   const size_t model_idx = shown.model_idx;
   const std::string& report_json = shown.report_json;
-  return UsePoses(
-      input.scene, model, [&](const Scene& scene, const Reconstruction& poses) {
-        ReportPageInput page{folder.string(), scene, poses};
-        page.view_graph = &input.view_graph;
-        page.report_json = report_json;
-        page.model_idx = model_idx;
-        page.image_path = image_path;
-        page.image_url = PageUrl(image_path, folder);
-        if (model.position_priors && model.position_priors->is_registered) {
-          page.is_east_north_up =
-              input.position_priors.origin_wgs84.has_value();
-          page.positions =
-              ComparePositions(scene, poses, input.position_priors);
-        }
-        if (!HasSeparateImages(model)) {
-          page.frame_confidence = model.confidence.of_frame;
-        }
-        return MakeReportPage(page, ReportPageOptions(), context);
-      });
+  return UsePoses(input.scene, model,
+                  [&](const Scene& scene, const Reconstruction& poses) {
+                    ReportPageInput page{folder.string(), scene, poses};
+                    page.view_graph = &input.view_graph;
+                    page.report_json = report_json;
+                    page.model_idx = model_idx;
+                    page.image_path = image_path;
+                    page.image_url = PageUrl(image_path, folder);
+                    if (model.IsAtPositions()) {
+                      page.is_east_north_up =
+                          input.position_priors.origin_wgs84.has_value();
+                      page.positions =
+                          ComparePositions(scene, poses, input.position_priors);
+                    }
+                    if (!HasSeparateImages(model)) {
+                      page.frame_confidence = model.confidence.of_frame;
+                    }
+                    return MakeReportPage(page, ReportPageOptions(), context);
+                  });
 }
 
 // Writes report.html into the folder of each model of a run. Returns the page
@@ -245,8 +245,7 @@ void WriteMapperModel(const fs::path& folder, const MapperInput& input,
   WriteRigConfig((folder / "rig_config.json").string(), input.scene,
                  model.reconstruction);
   const auto& origin_wgs84 = input.position_priors.origin_wgs84;
-  if (model.position_priors && model.position_priors->is_registered &&
-      origin_wgs84) {
+  if (model.IsAtPositions() && origin_wgs84) {
     WriteGeoOrigin((folder / "geo_origin.json").string(), *origin_wgs84);
   }
   if (model.covariances && model.covariances->is_usable) {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Models that grow frame by frame, against the ground truth.
-#include "mapper/incremental_mapper.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +7,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "mapper/mapper_recipe.h"
 #include "mapper/true_model.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/models/scene_loading.h"

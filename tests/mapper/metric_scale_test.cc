@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "georegistration/metric_scale.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "georegistration/world_frame.h"
 #include "mapper/run_summary.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/mapper/mapper.h"

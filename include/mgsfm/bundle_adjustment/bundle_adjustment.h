@@ -190,6 +190,12 @@ struct BundleAdjustmentOptions {
   // solver needs less memory.
   bool saves_memory = false;
 
+  void HoldIntrinsics() {
+    refine_focal_length = RefineMode::kNo;
+    refine_principal_point = RefineMode::kNo;
+    refine_extra_params = RefineMode::kNo;
+  }
+
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(max_num_iterations, function_tolerance, refine_rig_from_world,

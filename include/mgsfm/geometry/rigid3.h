@@ -9,6 +9,7 @@ namespace mgsfm {
 // A matrix over the six coordinates of a pose update: three for the rotation
 // (rad), then three for the translation.
 using PoseMatrix = Eigen::Matrix<double, 6, 6>;
+using PoseVector = Eigen::Matrix<double, 6, 1>;
 
 // A rigid transform b_from_a: x_in_b = rotation * x_in_a + translation.
 // Names compose by canceling: c_from_a = c_from_b * b_from_a.

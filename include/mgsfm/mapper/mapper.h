@@ -155,6 +155,11 @@ struct MapperModel {
   // moving objects.
   bool refutes_motion = false;
   std::vector<StageTime> times;  // in the order in which stages ran
+
+  // Whether the model is in the world of the measured positions.
+  bool IsAtPositions() const {
+    return position_priors && position_priors->is_registered;
+  }
 };
 
 struct UnregisteredFrame {

@@ -45,6 +45,10 @@ struct ObservationGroups {
   }
   // Makes a group of the observations appended since the last call.
   void FinishGroup() { offsets.push_back(observations.size()); }
+  void AddGroup(const Observation* begin, const Observation* end) {
+    observations.insert(observations.end(), begin, end);
+    FinishGroup();
+  }
 };
 
 // Estimates of the stages. nullopt means "not estimated"; there are no default

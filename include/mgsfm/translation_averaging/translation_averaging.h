@@ -25,7 +25,7 @@ namespace mgsfm {
 //    of their lengths from points that two pairs see (scale_averaging.h).
 // 2. A convex L1 problem in c^g and t^r, by ADMM (position_initialization.h).
 // 3. Refinement of the angles between b_ij and c_j - c_i
-//    (position_rig_problem.h).
+//    (translation_stages.h).
 // 4. Triangulation of the tracks, L1 (geometry/triangulation.h).
 // 5. Refinement of the angles between rays and points, over c^g, t^r and
 //    points, twice, with another triangulation in between.

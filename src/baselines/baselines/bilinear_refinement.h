@@ -5,11 +5,11 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/solver.h"
-#include "translation_averaging/refinement_terms.h"
+#include "translation_averaging/translation_stages.h"
 
 namespace mgsfm {
 
-// The refinements of translation_averaging/position_rig_problem.h with bilinear
+// The refinements of translation_averaging/translation_stages.h with bilinear
 // residuals (BATA, Zhuang et al. 2018; global positioning of GLOMAP; eqs. (14),
 // (15) of MGSfM with its rig constraint (2)): every direction v of a difference
 // C of positions gets a scale d as one more unknown,

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "baselines/mapper_baselines.h"
 
-#include "mapper/incremental_mapper.h"
 #include "mapper/mapper_recipe.h"
 #include "mgsfm/base/error.h"
 

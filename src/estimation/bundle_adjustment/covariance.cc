@@ -152,8 +152,7 @@ std::optional<IntrinsicSigmas> ComputeAllIntrinsicSigmas(
     const BundleAdjustmentOptions& options, const Context& context,
     const BundlePriors& priors) {
   const double sigma_px =
-      std::max(kMinKeypointSigmaPx,
-               NoiseSigmaPx(scene, reconstruction, context.num_threads));
+      KeypointSigmaPx(scene, reconstruction, context.num_threads);
   const BuiltProblem built =
       BuildWeighted(scene, reconstruction, options, sigma_px, priors);
   const auto variances =

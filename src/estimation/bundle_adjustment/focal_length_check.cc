@@ -21,10 +21,6 @@ constexpr double kMaxChange = 2.0;
 // ImageReader.default_focal_length_factor, as in COLMAP.
 constexpr double kAssumedRatio = 1.2;
 
-const CameraModelInfo& InfoOf(const Camera& camera) {
-  return *FindCameraModel(static_cast<int32_t>(camera.model));
-}
-
 std::string Number(double value) { return Formatted("%.3g", value); }
 
 std::string Pixels(double value) { return Formatted("%.1f px", value); }
@@ -55,7 +51,7 @@ Mask FindSeenCameras(const Scene& scene, const Reconstruction& model) {
 // Why the parameters are implausible; empty if they are plausible.
 std::string DescribeImplausible(const Camera& initial, const Camera& camera,
                                 const BundleAdjustmentOptions& options) {
-  const CameraModelInfo& info = InfoOf(camera);
+  const CameraModelInfo& info = InfoOf(camera.model);
   const double side = std::max(camera.width_px, camera.height_px);
   for (const int i : info.focal_length_idxs) {
     const double ratio = camera.params[i] / side;
@@ -84,7 +80,7 @@ std::string DescribeImplausible(const Camera& initial, const Camera& camera,
 // The larger relative standard deviation of both focal lengths.
 double RelativeSigma(const Camera& camera, const std::vector<double>& sigmas) {
   double sigma = 0.0;
-  for (const int i : InfoOf(camera).focal_length_idxs) {
+  for (const int i : InfoOf(camera.model).focal_length_idxs) {
     sigma = std::max(sigma, sigmas[i] / camera.params[i]);
   }
   return sigma;
@@ -113,7 +109,8 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
   const Mask is_seen = FindSeenCameras(scene, model);
   std::vector<FocalLengthCheck> checks;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    const std::vector<int>& idxs = InfoOf(scene.cameras[i]).focal_length_idxs;
+    const std::vector<int>& idxs =
+        InfoOf(scene.cameras[i].model).focal_length_idxs;
     if (!is_seen[i] || idxs.empty() ||
         !RefinesFocalLength(scene.cameras[i], options)) {
       continue;

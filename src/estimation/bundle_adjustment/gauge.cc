@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "bundle_adjustment/gauge.h"
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>

@@ -46,8 +46,6 @@ std::vector<ImageView> MakeImageViews(const Scene& scene,
   return views;
 }
 
-namespace {
-
 double ReprojectionError(const Scene& scene,
                          const std::vector<ImageView>& views,
                          const Observation& o, const Eigen::Vector3d& point) {
@@ -55,6 +53,8 @@ double ReprojectionError(const Scene& scene,
       point,
       scene.images[o.image_idx].keypoints_px[o.keypoint_idx].cast<double>());
 }
+
+namespace {
 
 std::vector<Eigen::Vector3d> CentersOf(const std::vector<ImageView>& views,
                                        const Point3D& point) {

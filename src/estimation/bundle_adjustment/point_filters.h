@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 #include <limits>
 #include <optional>
@@ -42,6 +43,9 @@ ImageView MakeImageView(const Scene& scene,
 // Per image of the scene.
 std::vector<ImageView> MakeImageViews(const Scene& scene,
                                       const Reconstruction& reconstruction);
+double ReprojectionError(const Scene& scene,
+                         const std::vector<ImageView>& views,
+                         const Observation& o, const Eigen::Vector3d& point);
 
 // Selection of points and observations. No function changes a pose or moves a
 // point. Observations in images without a pose are always removed.
@@ -63,9 +67,17 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
 double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
                     int num_threads);
 
-// The same from the sums of squared errors of points. For n observations, the
-// sum is sigma^2 times a chi-square variable with 2n - 3 degrees of freedom;
-// sigma^2 is the median of all sums, each divided by the median of its
+// The same, at least kMinKeypointSigmaPx.
+inline double KeypointSigmaPx(const Scene& scene,
+                              const Reconstruction& reconstruction,
+                              int num_threads) {
+  return std::max(kMinKeypointSigmaPx,
+                  NoiseSigmaPx(scene, reconstruction, num_threads));
+}
+
+// NoiseSigmaPx() from the sums of squared errors of points. For n observations,
+// the sum is sigma^2 times a chi-square variable with 2n - 3 degrees of
+// freedom; sigma^2 is the median of all sums, each divided by the median of its
 // distribution. NoiseSigmaPx() is up to 20 % smaller, because the residuals of
 // a point in two images have one dimension instead of four.
 double UnbiasedNoiseSigmaPx(const Scene& scene,

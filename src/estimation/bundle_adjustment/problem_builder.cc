@@ -4,6 +4,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
@@ -138,8 +139,7 @@ std::vector<int> FreeParams(const Camera& camera,
     }
     return free;
   }
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   const auto add = [&free](bool is_refined, const std::vector<int>& params) {
     if (is_refined) free.insert(free.end(), params.begin(), params.end());
   };
@@ -167,8 +167,7 @@ void AddCamera(const ProblemInput& input, int camera_idx, BuiltProblem* built) {
   const double relative_sigma = prior.has_prior_focal_length
                                     ? input.options.focal_length_prior_sigma
                                     : input.options.focal_length_start_sigma;
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   const std::vector<int>& free = built->problem.cameras.back().free_params;
   if (!known_sigmas.empty()) {
     for (const int param : free) {
@@ -251,9 +250,9 @@ BuiltProblem BuildProblem(const Scene& scene,
     AddGravityPriors(*priors.gravity, image_idxs, options.prior_loss_scale,
                      &problem);
   }
-  const bool some_frame_is_fixed = std::any_of(
-      built.frame_idxs.begin(), built.frame_idxs.end(),
-      [&](int frame_idx) { return IsSet(fixed.frames, frame_idx); });
+  const bool some_frame_is_fixed = AnyOf(built.frame_idxs, [&](int frame_idx) {
+    return IsSet(fixed.frames, frame_idx);
+  });
   if (options.refine_rig_from_world && options.refine_points &&
       problem.position_priors.empty() && !some_frame_is_fixed) {
     FixGauge(built.state, &problem);

@@ -109,9 +109,7 @@ BuiltProblem BuildHeld(const Scene& scene, const Reconstruction& part,
       std::min(options.loss_scale_px,
                options.loss_sigma_factor * NoiseSigmaPx(scene, part, 1));
   held.refine_rig_from_world = true;
-  held.refine_focal_length = RefineMode::kNo;
-  held.refine_principal_point = RefineMode::kNo;
-  held.refine_extra_params = RefineMode::kNo;
+  held.HoldIntrinsics();
   FixedPoses fixed;
   fixed.sensors.assign(scene.sensors.size(), true);
   return BuildProblem(scene, part, held, RefinedParts::kAll, {}, fixed);

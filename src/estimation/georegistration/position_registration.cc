@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/random.h"
+#include "base/ranges.h"
 #include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
@@ -233,17 +234,11 @@ std::vector<Sample> CollectSamples(const Scene& scene,
 
 // Median distance from the median position, in standard deviations.
 double RelativeExtent(const std::vector<Sample>& samples) {
-  Vector3d median;
-  for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> coordinates;
-    for (const Sample& s : samples) coordinates.push_back(s.position[axis]);
-    median[axis] = Median(std::move(coordinates));
-  }
-  std::vector<double> distances;
-  for (const Sample& sample : samples) {
-    distances.push_back((sample.position - median).norm() / sample.sigma);
-  }
-  return Median(std::move(distances));
+  const Vector3d median =
+      MedianOfCoordinates(Transformed(samples, &Sample::position));
+  return Median(Transformed(samples, [&](const Sample& sample) {
+    return (sample.position - median).norm() / sample.sigma;
+  }));
 }
 
 // z d^T / sigma_up^2, or zero if the upward direction is unknown.

@@ -144,8 +144,7 @@ GrowingModel::Matches GrowingModel::MatchesOf(
   Matches matches;
   matches.points.cam_from_unit = cam_from_unit;
   matches.points.max_error_rad =
-      input_.options.resection.abs_pose_max_error_px /
-      PixelsPerRadian(camera.model, camera.params.data());
+      input_.options.resection.abs_pose_max_error_px / PixelsPerRadian(camera);
   for (const TrackKeypoint& k : input_.keypoints[image_idx]) {
     const Point3D& point = points_[k.track_idx];
     if (point.track.empty() || !bearings.HasRay(image_idx, k.keypoint_idx)) {
@@ -286,9 +285,7 @@ void GrowingModel::AdjustAround(int frame_idx) {
   for (const int i : frame_idxs) fixed.frames[i] = false;
   BundleAdjustmentOptions options =
       GrowthOptions(input_.options.bundle_adjustment, loss_scale_px_);
-  options.refine_focal_length = RefineMode::kNo;
-  options.refine_principal_point = RefineMode::kNo;
-  options.refine_extra_params = RefineMode::kNo;
+  options.HoldIntrinsics();
   Reconstruction seen = model_;
   std::vector<int> used;
   for (const int track_idx : track_idxs) {

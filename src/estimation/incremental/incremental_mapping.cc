@@ -8,9 +8,7 @@
 #include "base/format.h"
 #include "base/ranges.h"
 #include "incremental/growing_model.h"
-#include "incremental/loop_closure.h"
-#include "incremental/sensor_placement.h"
-#include "incremental/start.h"
+#include "incremental/growth_steps.h"
 #include "mgsfm/base/mask.h"
 #include "pair_filtering/triplet_consistency.h"
 #include "scene/track_coverage.h"
@@ -218,13 +216,7 @@ TrackResult EstablishGrowthTracks(const IncrementalInput& input,
   TrackCoverage coverage(candidates, input.scene.images.size());
   const int max_num = options.tracks.max_tracks_per_image;
   coverage.Select(2, max_num > 0 ? max_num : kTracksPerImage);
-  TrackResult result;
-  for (size_t t = 0; t < candidates.size(); ++t) {
-    if (!coverage.is_selected()[t]) continue;
-    result.estimate.observations.insert(result.estimate.observations.end(),
-                                        candidates.begin(t), candidates.end(t));
-    result.estimate.FinishGroup();
-  }
+  TrackResult result{coverage.Selected(), {}};
   TrackSummary& summary = result.summary;
   summary.num_components = candidates.size();
   summary.num_tracks = result.estimate.size();

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "incremental/loop_closure.h"
-
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -8,6 +6,7 @@
 
 #include "base/ranges.h"
 #include "georegistration/pose_graph_deformation.h"
+#include "incremental/growth_steps.h"
 #include "registration/unit_resection.h"
 
 namespace mgsfm {

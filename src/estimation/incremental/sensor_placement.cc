@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "incremental/sensor_placement.h"
-
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -9,14 +7,13 @@
 
 #include "base/format.h"
 #include "geometry/so3.h"
+#include "incremental/growth_steps.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "registration/unit_resection.h"
 #include "scene/typical_pose.h"
 
 namespace mgsfm {
 namespace {
-
-using Vector6 = Eigen::Matrix<double, 6, 1>;
 
 // Two samples cannot show which of them is wrong.
 constexpr size_t kMinNumSamples = 3;
@@ -31,14 +28,6 @@ CameraPoints InliersOf(const CameraPoints& points, const Rigid3& pose) {
     inliers.points.push_back(points.points[i]);
   }
   return inliers;
-}
-
-// The difference of a pose from another in the coordinates of a step.
-Vector6 DifferenceOf(const Rigid3& pose, const Rigid3& from) {
-  Vector6 difference;
-  difference << LogSO3(pose.rotation * from.rotation.conjugate()),
-      pose.translation - from.translation;
-  return difference;
 }
 
 }  // namespace
@@ -106,18 +95,18 @@ MeanPose MeanOf(const Samples& samples) {
   for (const auto& sample : samples) poses.push_back(sample.sensor_from_rig);
   const Rigid3 typical = TypicalPose(poses);
   PoseMatrix information = PoseMatrix::Zero();
-  Vector6 sum = Vector6::Zero();
+  PoseVector sum = PoseVector::Zero();
   for (const auto& sample : samples) {
     information += sample.information;
-    sum += sample.information * DifferenceOf(sample.sensor_from_rig, typical);
+    sum += sample.information * UpdateBetween(typical, sample.sensor_from_rig);
   }
   const PoseMatrix covariance =
       information.ldlt().solve(PoseMatrix::Identity());
-  const Vector6 mean = covariance * sum;
+  const PoseVector mean = covariance * sum;
   double chi2 = 0.0;
   for (const auto& sample : samples) {
-    const Vector6 difference =
-        DifferenceOf(sample.sensor_from_rig, typical) - mean;
+    const PoseVector difference =
+        UpdateBetween(typical, sample.sensor_from_rig) - mean;
     chi2 += difference.dot(sample.information * difference);
   }
   double variance_factor = 1.0;
@@ -130,8 +119,7 @@ MeanPose MeanOf(const Samples& samples) {
         Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(block).eigenvalues()[2];
     return std::sqrt(std::max(0.0, variance_factor * variance));
   };
-  return {{(ExpSO3(mean.head<3>()) * typical.rotation).normalized(),
-           typical.translation + mean.tail<3>()},
+  return {Updated(typical, mean),
           largest_sigma(covariance.topLeftCorner<3, 3>()),
           largest_sigma(covariance.bottomRightCorner<3, 3>())};
 }
@@ -167,7 +155,7 @@ std::vector<PlacedSensor> SensorPlacement::Place(bool is_last_resort,
     const double error_px =
         (mean.rotation_sigma_rad +
          mean.translation_sigma / model->median_distance()) *
-        PixelsPerRadian(camera.model, camera.params.data());
+        PixelsPerRadian(camera);
     if (error_px > 0.5 * input_.options.bundle_adjustment.max_max_error_px) {
       continue;
     }

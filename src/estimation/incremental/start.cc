@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "incremental/start.h"
-
 #include <algorithm>
 #include <map>
 #include <utility>
@@ -9,6 +7,7 @@
 #include "base/random.h"
 #include "geometry/generalized_pose.h"
 #include "geometry/so3.h"
+#include "incremental/growth_steps.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "scene/observations.h"
 
@@ -51,8 +50,7 @@ UnitMatches MatchesOfPair(const GrowthInput& input, const SensorPoses& sensors,
   UnitMatches matches{
       *sensors[image1.sensor_idx], *sensors[image2.sensor_idx], {}, 0.0};
   const auto pixels_per_radian = [&](const Image& image) {
-    const Camera& camera = scene.cameras[image.camera_idx];
-    return PixelsPerRadian(camera.model, camera.params.data());
+    return PixelsPerRadian(scene.cameras[image.camera_idx]);
   };
   matches.max_error_rad =
       2.0 * input.options.bundle_adjustment.min_max_error_px /

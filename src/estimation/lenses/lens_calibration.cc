@@ -41,18 +41,14 @@ constexpr double kChangeByNextRound = 0.25;
 // round has twice as many until they determine the lenses.
 constexpr size_t kNumFramesOfTurn = 24;
 
-const CameraModelInfo& InfoOf(const Camera& camera) {
-  return *FindCameraModel(static_cast<int32_t>(camera.model));
-}
-
 double FirstFocalLength(const Camera& camera) {
-  return camera.params[InfoOf(camera).focal_length_idxs.front()];
+  return camera.params[InfoOf(camera.model).focal_length_idxs.front()];
 }
 
 // SIMPLE_RADIAL as RADIAL, or vice versa.
 Camera WithModel(Camera camera, CameraModelId model) {
   camera.model = model;
-  camera.params.resize(InfoOf(camera).num_params, 0.0);
+  camera.params.resize(InfoOf(camera.model).num_params, 0.0);
   return camera;
 }
 
@@ -73,7 +69,7 @@ bool IsKnownModel(CameraModelId model) {
 // The standard deviations of the unknown parameters about `start`.
 std::vector<double> PriorSigmas(const Camera& camera, const Camera& start,
                                 const BundleAdjustmentOptions& options) {
-  const CameraModelInfo& info = InfoOf(camera);
+  const CameraModelInfo& info = InfoOf(camera.model);
   std::vector<double> sigmas(camera.params.size(), 0.0);
   if (options.refine_focal_length != RefineMode::kNo) {
     for (const int i : info.focal_length_idxs) {
@@ -196,7 +192,7 @@ ViewGraph PairsWithin(const Scene& scene, const ViewGraph& matches,
 
 bool IsPlausible(const Camera& camera, const BundleAdjustmentOptions& options) {
   const double side = std::max(camera.width_px, camera.height_px);
-  for (const int i : InfoOf(camera).focal_length_idxs) {
+  for (const int i : InfoOf(camera.model).focal_length_idxs) {
     const double ratio = camera.params[i] / side;
     if (!(ratio >= options.min_focal_length_ratio &&
           ratio <= options.max_focal_length_ratio)) {
@@ -290,7 +286,7 @@ void LogLenses(const Scene& scene, const LensResult& result,
   for (const LensChoice& lens : result.summary.lenses) {
     const Camera& camera = result.lenses.cameras[lens.camera_idx];
     std::string text = "lens of " + CameraLabel(scene, lens.camera_idx) + ": " +
-                       std::string(InfoOf(camera).name);
+                       std::string(InfoOf(camera.model).name);
     for (const double param : camera.params) text += Formatted(" %.5g", param);
     context.Info(text +
                  (lens.reason.empty() ? "" : ", because " + lens.reason));
@@ -414,9 +410,9 @@ double LensChangePx(const Camera& before, const Camera& after) {
     for (int j = 0; j <= kNumCells; ++j) {
       const Eigen::Vector2d pixel(before.width_px * i / double{kNumCells},
                                   before.height_px * j / double{kNumCells});
-      const auto ray = RayFromPixel(before.model, before.params.data(), pixel);
+      const auto ray = RayFromPixel(before, pixel);
       if (!ray) continue;
-      const auto moved = ProjectToPixel(after.model, after.params.data(), *ray);
+      const auto moved = ProjectToPixel(after, *ray);
       if (!moved) continue;
       sum += *moved - pixel;
       squares += (*moved - pixel).squaredNorm();

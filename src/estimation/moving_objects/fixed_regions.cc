@@ -44,11 +44,6 @@ const Camera& CameraOf(const Scene& scene, int image_idx) {
   return scene.cameras[scene.images[image_idx].camera_idx];
 }
 
-bool IsOfOneSensor(const Scene& scene, const ImagePair& pair) {
-  return scene.images[pair.image_idx1].sensor_idx ==
-         scene.images[pair.image_idx2].sensor_idx;
-}
-
 double ToleranceRad(const Scene& scene, const ImagePair& pair,
                     double max_error_px) {
   return ErrorRad(scene, pair.image_idx1, max_error_px);

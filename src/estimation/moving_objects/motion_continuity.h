@@ -7,7 +7,7 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "moving_objects/motion_candidates.h"
-#include "pair_filtering/temporal_order.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
@@ -43,7 +43,7 @@ namespace mgsfm {
 //
 // Solver: dynamic programming over the hypotheses and a range of distances,
 // close enough together (motion_search.h). Where no hypothesis is chosen,
-// motions over several steps take part in a second choice (long_motions.h).
+// motions over several steps take part in a second choice.
 // Unknown distances of the solution are interpolated between known ones. Cost:
 // linear in the steps.
 //

@@ -208,10 +208,7 @@ MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
   AgreementCounts with_depth, without_depth;
   for (const size_t i : frames->pair_idxs) {
     const ImagePair& pair = problem.matches.pairs[i];
-    if (problem.scene.images[pair.image_idx1].sensor_idx !=
-        problem.scene.images[pair.image_idx2].sensor_idx) {
-      continue;
-    }
+    if (!IsOfOneSensor(problem.scene, pair)) continue;
     const auto pose1 =
         RelativePoseBy(problem, pair, earlier_frame_idx, motion1);
     const auto pose2 =
@@ -240,8 +237,7 @@ MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
           with_depth.Balance() + without_depth.Balance()};
 }
 
-Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
-                                         const ImagePair& pair) {
+PoseMatrix CovarianceOf(const MotionProblem& problem, const ImagePair& pair) {
   const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
                     *pair.relative_pose->translation_direction};
   const RayMatches rays = RaysOf(problem.bearings, pair);

@@ -61,8 +61,8 @@ struct MotionProblem : MotionInput {
 
 // The covariance of the rotation vector and the direction of a relative pose
 // with a baseline, by the residuals of its matches.
-[[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOf(
-    const MotionProblem& problem, const ImagePair& pair);
+[[nodiscard]] PoseMatrix CovarianceOf(const MotionProblem& problem,
+                                      const ImagePair& pair);
 
 // The standard deviation of a keypoint, relative to the epipolar tolerance,
 // which thus includes 95 % of normal errors.

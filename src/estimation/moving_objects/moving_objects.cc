@@ -17,6 +17,7 @@
 #include "moving_objects/motion_hypotheses.h"
 #include "moving_objects/path_agreement.h"
 #include "moving_objects/rig_motions.h"
+#include "scene/observations.h"
 #include "translation_averaging/baseline_directions.h"
 #include "translation_averaging/position_problem.h"
 #include "translation_averaging/scale_averaging.h"
@@ -421,8 +422,7 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
     const auto& length = lengths[e.pair_idx];
     is_discontinuous[e.pair_idx] =
         length && IsDoubtful(problem, path, e.pair_idx) &&
-        problem.scene.images[pair.image_idx1].sensor_idx ==
-            problem.scene.images[pair.image_idx2].sensor_idx &&
+        IsOfOneSensor(problem.scene, pair) &&
         !AgreesWithPath(problem, path, pair, e, length);
   }
   if (!is_discontinuous.Any()) return {};

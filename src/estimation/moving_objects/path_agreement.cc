@@ -15,7 +15,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
@@ -162,9 +161,9 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
       (!has_direction || error.norm() <= max_error)) {
     return true;
   }
-  Matrix6d covariance = expected.covariance;
+  PoseMatrix covariance = expected.covariance;
   if (pose.translation_direction) {
-    Matrix6d of_pair = CovarianceOf(problem, pair);
+    PoseMatrix of_pair = CovarianceOf(problem, pair);
     of_pair.bottomRightCorner<3, 3>() *= measured * measured;
     covariance += of_pair;
   }

@@ -25,7 +25,7 @@ struct ExpectedPair {
   Rigid3 cam2_from_cam1;
   // Covariance of the rotation vector and the translation, in the axes of
   // camera 2, due to the errors of the motion.
-  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
+  PoseMatrix covariance = PoseMatrix::Zero();
 };
 
 // The bound of epipolar errors of the matches of an expected pair: the keypoint

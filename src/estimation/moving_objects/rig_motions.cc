@@ -250,8 +250,8 @@ bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
 }  // namespace
 
 double ErrorRad(const Scene& scene, int image_idx, double error_px) {
-  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
-  return error_px / PixelsPerRadian(camera.model, camera.params.data());
+  return error_px /
+         PixelsPerRadian(scene.cameras[scene.images[image_idx].camera_idx]);
 }
 
 StepHypotheses FindRigMotions(const FrameMatches& matches, double max_error_px,

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pair_filtering/pair_verdicts.h"
-
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
@@ -11,6 +9,7 @@
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "pair_filtering/triplet_consistency.h"
@@ -136,8 +137,8 @@ Mask FindSupportedLinks(const LinkGraph& graph, const PairEvidence& evidence) {
   Mask is_supported(graph.links.size(), false);
   for (size_t k = 0; k < graph.links.size(); ++k) {
     const std::vector<size_t>& pair_idxs = graph.links[k].pair_idxs;
-    is_supported[k] = std::any_of(pair_idxs.begin(), pair_idxs.end(),
-                                  [&](size_t i) { return support[i] > 0; });
+    is_supported[k] =
+        AnyOf(pair_idxs, [&](size_t i) { return support[i] > 0; });
   }
   return is_supported;
 }
@@ -145,8 +146,8 @@ Mask FindSupportedLinks(const LinkGraph& graph, const PairEvidence& evidence) {
 // Whether each frame is connected to the first one of its component by more
 // than one path.
 bool HasBridges(const DepthFirstForest& forest) {
-  return std::any_of(forest.begin(), forest.end(),
-                     [](const auto& frame) { return frame->IsBelowBridge(); });
+  return AnyOf(forest,
+               [](const auto& frame) { return frame->IsBelowBridge(); });
 }
 
 bool IsUnsupportedAmongSupported(const LinkGraph& graph,
@@ -154,8 +155,7 @@ bool IsUnsupportedAmongSupported(const LinkGraph& graph,
   if (link_is_supported[link]) return false;
   const auto has_support = [&](int frame_idx) {
     const std::vector<size_t>& links = graph.links_of_frame[frame_idx];
-    return std::any_of(links.begin(), links.end(),
-                       [&](size_t k) { return link_is_supported[k]; });
+    return AnyOf(links, [&](size_t k) { return link_is_supported[k]; });
   };
   return has_support(graph.links[link].frame_idx1) ||
          has_support(graph.links[link].frame_idx2);
@@ -216,9 +216,9 @@ bool ShareMatches(const PairEvidence& evidence, int frame_idx1,
                   int frame_idx2) {
   if (frame_idx1 == frame_idx2) return true;
   const FramePair* frames = evidence.index.Find(frame_idx1, frame_idx2);
-  return frames != nullptr &&
-         std::any_of(frames->pair_idxs.begin(), frames->pair_idxs.end(),
-                     [&](size_t i) { return evidence.pair_is_used[i]; });
+  return frames != nullptr && AnyOf(frames->pair_idxs, [&](size_t i) {
+           return evidence.pair_is_used[i];
+         });
 }
 
 // Rejects the loop links between parts that the links of neighbors do not
@@ -278,8 +278,8 @@ bool ShowOnePlace(const PairEvidence& evidence,
   }
   const auto has_other_places = [&](const std::vector<int>& frame_idxs,
                                     int std::pair<int, int>::*linked) {
-    return std::any_of(frame_idxs.begin(), frame_idxs.end(), [&](int frame) {
-      return std::none_of(links.begin(), links.end(), [&](const auto& link) {
+    return AnyOf(frame_idxs, [&](int frame) {
+      return NoneOf(links, [&](const auto& link) {
         return ShareMatches(evidence, frame, link.*linked);
       });
     });

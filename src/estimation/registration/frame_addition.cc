@@ -44,9 +44,7 @@ void RefineNewFrames(const PassInput& input, const Mask& frame_is_new,
     fixed.sensors.push_back(pose.has_value());
   }
   BundleAdjustmentOptions options = input.options;
-  options.refine_focal_length = RefineMode::kNo;
-  options.refine_principal_point = RefineMode::kNo;
-  options.refine_extra_params = RefineMode::kNo;
+  options.HoldIntrinsics();
 
   const std::vector<size_t> point_idxs =
       PointsSeenBy(frame_is_new, input.scene, *model);

@@ -9,12 +9,36 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/registration/model_extension.h"
-#include "registration/point_matches.h"
 #include "registration/unit_resection.h"
+#include "scene/point_lookup.h"
 #include "scene/typical_pose.h"
 
 namespace mgsfm {
 namespace {
+
+using Votes = std::vector<std::pair<int, int>>;  // keypoint, point
+
+// The point with the most votes, per keypoint. Sorts the votes.
+std::vector<PointMatch> CountVotes(Votes* votes) {
+  std::sort(votes->begin(), votes->end());
+  std::vector<PointMatch> matches;
+  size_t most = 0;
+  for (size_t begin = 0, end = 0; begin < votes->size(); begin = end) {
+    const auto& [keypoint_idx, point_idx] = (*votes)[begin];
+    while (end < votes->size() && (*votes)[end] == (*votes)[begin]) ++end;
+    const bool is_new =
+        matches.empty() || matches.back().keypoint_idx != keypoint_idx;
+    if (is_new) {
+      matches.push_back({keypoint_idx, point_idx});
+    } else if (end - begin > most) {
+      matches.back().point_idx = point_idx;
+    } else {
+      continue;
+    }
+    most = end - begin;
+  }
+  return matches;
+}
 
 // The constant inputs of all resections.
 struct ResectionInput {
@@ -44,18 +68,15 @@ std::vector<std::vector<PointMatch>> MatchUnregisteredImages(
   return FindPointMatches(scene, view_graph, model, is_wanted, num_threads);
 }
 
-CameraPoints CollectPoints(const ResectionInput& input, int image_idx,
-                           const Rigid3& cam_from_unit) {
+CameraPoints PointsOf(const ResectionInput& input, int image_idx,
+                      const Rigid3& cam_from_unit) {
   const Camera& camera =
       input.scene.cameras[input.scene.images[image_idx].camera_idx];
-  CameraPoints result{cam_from_unit, {}, {}, 0.0, {}};
-  result.max_error_rad = input.options.abs_pose_max_error_px /
-                         PixelsPerRadian(camera.model, camera.params.data());
-  for (const PointMatch& match : input.matches[image_idx]) {
-    if (!input.bearings.HasRay(image_idx, match.keypoint_idx)) continue;
-    result.rays.push_back(input.bearings.Ray(image_idx, match.keypoint_idx));
-    result.points.push_back(input.model.points[match.point_idx].point_in_world);
-  }
+  CameraPoints result = CollectPoints(input.bearings, input.model, image_idx,
+                                      input.matches[image_idx]);
+  result.cam_from_unit = cam_from_unit;
+  result.max_error_rad =
+      input.options.abs_pose_max_error_px / PixelsPerRadian(camera);
   return result;
 }
 
@@ -76,9 +97,9 @@ std::vector<UnitPose> ResectSingleImages(const ResectionInput& input,
       [&](size_t i) {
         const Image& image = scene.images[i];
         if (rig_is_calibrated[scene.frames[image.frame_idx].rig_idx]) return;
-        poses[i] = ResectUnit(
-            {CollectPoints(input, static_cast<int>(i), Rigid3())},
-            input.options, input.context.random_seed, StreamOfImage(i));
+        poses[i] = ResectUnit({PointsOf(input, static_cast<int>(i), Rigid3())},
+                              input.options, input.context.random_seed,
+                              StreamOfImage(i));
       },
       1);
   return poses;
@@ -171,7 +192,7 @@ std::optional<Rigid3> ResectFrame(const ResectionInput& input,
   std::vector<CameraPoints> cameras;
   for (const int image_idx : scene.frames[frame->frame_idx].image_idxs) {
     const auto& sensor = sensor_from_rig[scene.images[image_idx].sensor_idx];
-    if (sensor) cameras.push_back(CollectPoints(input, image_idx, *sensor));
+    if (sensor) cameras.push_back(PointsOf(input, image_idx, *sensor));
   }
   const UnitPose pose =
       ResectUnit(cameras, input.options, input.context.random_seed,
@@ -184,6 +205,47 @@ std::optional<Rigid3> ResectFrame(const ResectionInput& input,
 }
 
 }  // namespace
+
+std::vector<std::vector<PointMatch>> FindPointMatches(
+    const Scene& scene, const ViewGraph& view_graph,
+    const Reconstruction& model, const Mask& is_wanted, int num_threads) {
+  const PointLookup lookup(scene, model);
+  std::vector<Votes> votes(scene.images.size());
+  for (const ImagePair& pair : view_graph.pairs) {
+    if (is_wanted[pair.image_idx1]) {
+      for (const Match& match : pair.matches) {
+        const std::optional<int> point =
+            lookup.Find(pair.image_idx2, match.keypoint_idx2);
+        if (!point) continue;
+        votes[pair.image_idx1].emplace_back(match.keypoint_idx1, *point);
+      }
+    }
+    if (is_wanted[pair.image_idx2]) {
+      for (const Match& match : pair.matches) {
+        const std::optional<int> point =
+            lookup.Find(pair.image_idx1, match.keypoint_idx1);
+        if (!point) continue;
+        votes[pair.image_idx2].emplace_back(match.keypoint_idx2, *point);
+      }
+    }
+  }
+  std::vector<std::vector<PointMatch>> matches(scene.images.size());
+  ParallelFor(scene.images.size(), num_threads,
+              [&](size_t i) { matches[i] = CountVotes(&votes[i]); });
+  return matches;
+}
+
+CameraPoints CollectPoints(const Bearings& bearings,
+                           const Reconstruction& model, int image_idx,
+                           const std::vector<PointMatch>& matches) {
+  CameraPoints result;
+  for (const PointMatch& match : matches) {
+    if (!bearings.HasRay(image_idx, match.keypoint_idx)) continue;
+    result.rays.push_back(bearings.Ray(image_idx, match.keypoint_idx));
+    result.points.push_back(model.points[match.point_idx].point_in_world);
+  }
+  return result;
+}
 
 UnitPose ResectUnit(const std::vector<CameraPoints>& cameras,
                     const ResectionOptions& options, uint64_t seed,

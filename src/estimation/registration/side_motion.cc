@@ -10,7 +10,7 @@
 #include "base/ranges.h"
 #include "geometry/absolute_pose.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "registration/point_matches.h"
+#include "registration/unit_resection.h"
 
 namespace mgsfm {
 namespace {
@@ -57,18 +57,11 @@ std::vector<CameraPoints> MatchesOfSide(const SidesInput& input, bool is_beyond,
   for (size_t i = 0; i < found.size(); ++i) {
     const int image_idx = static_cast<int>(i);
     const Camera& camera = other.cameras[scene.images[i].camera_idx];
-    CameraPoints of_image{Rigid3(), {}, {}, 0.0, {}};
-    for (const PointMatch& match : found[i]) {
-      if (!input.bearings.HasRay(image_idx, match.keypoint_idx)) continue;
-      of_image.rays.push_back(
-          input.bearings.Ray(image_idx, match.keypoint_idx));
-      of_image.points.push_back(other.points[match.point_idx].point_in_world);
-    }
+    CameraPoints of_image =
+        CollectPoints(input.bearings, other, image_idx, found[i]);
     if (of_image.size() == 0) continue;
     of_image.cam_from_unit = *input.model.CamFromWorld(scene, image_idx);
-    of_image.max_error_rad =
-        input.max_error_px /
-        PixelsPerRadian(camera.model, camera.params.data());
+    of_image.max_error_rad = input.max_error_px / PixelsPerRadian(camera);
     cameras.push_back(std::move(of_image));
   }
   return cameras;

@@ -12,8 +12,7 @@ void SetCamera(const RigProblemBase::Camera& camera, const CameraParams& params,
   pose->projection = FindPixelProjection(camera.model);
   pose->free_params = camera.free_params.data();
   pose->num_free_params = static_cast<int>(camera.free_params.size());
-  pose->num_params =
-      FindCameraModel(static_cast<int32_t>(camera.model))->num_params;
+  pose->num_params = InfoOf(camera.model).num_params;
   pose->is_pinhole =
       camera.model == CameraModelId::kPinhole && camera.free_params.empty();
 }

@@ -9,6 +9,8 @@
 namespace mgsfm {
 namespace {
 
+using Equations = RigEquations<PixelResidual>;
+
 // Poses per solve; bounds the memory of the right-hand sides.
 constexpr size_t kBlocksPerSolve = 16;
 
@@ -59,29 +61,6 @@ void SolveForPoses(const RigEquationsBase& equations,
   }
 }
 
-template <class R>
-std::optional<PoseCovariances> Compute(
-    const RigProblem<typename R::Observation>& problem, const RigState& state,
-    const Context& context) {
-  RigEquations<R> equations(problem, {ReducedSolver::kDirect}, context);
-  const RigStructure& s = equations.structure();
-  PoseCovariances result;
-  std::vector<FreePose> poses;
-  ListPoses(s.frame_block, problem.frame_masks, &result.frames, &poses);
-  ListPoses(s.sensor_block, problem.sensor_masks, &result.sensors, &poses);
-  if (poses.empty()) return result;
-  equations.SetState(state);
-  if (!equations.Linearize(kCovarianceDamping) || !equations.Factorize()) {
-    return std::nullopt;
-  }
-  for (size_t begin = 0; begin < poses.size(); begin += kBlocksPerSolve) {
-    context.CheckInterrupted();
-    SolveForPoses(equations, poses, begin,
-                  std::min(begin + kBlocksPerSolve, poses.size()));
-  }
-  return result;
-}
-
 // All sensors or all frames of a problem.
 struct PoseList {
   const std::vector<int>& blocks;
@@ -120,18 +99,19 @@ Eigen::MatrixXd CovarianceOfGroup(const RigEquationsBase& equations,
   return 0.5 * (covariance + covariance.transpose());
 }
 
-// `poses_of` selects the sensors or the frames of the structure.
-template <class R, class PosesOf>
 std::optional<std::vector<Eigen::MatrixXd>> ComputeOfGroups(
-    const RigProblem<typename R::Observation>& problem, const RigState& state,
+    const RigProblem<PixelObservation>& problem, const RigState& state,
     const std::vector<std::vector<int>>& groups, const Context& context,
-    const PosesOf& poses_of) {
-  RigEquations<R> equations(problem, {ReducedSolver::kDirect}, context);
+    bool are_sensors) {
+  Equations equations(problem, {ReducedSolver::kDirect}, context);
   equations.SetState(state);
   if (!equations.Linearize(kCovarianceDamping) || !equations.Factorize()) {
     return std::nullopt;
   }
-  const PoseList poses = poses_of(equations.structure());
+  const RigStructure& s = equations.structure();
+  const PoseList poses = are_sensors
+                             ? PoseList{s.sensor_block, problem.sensor_masks}
+                             : PoseList{s.frame_block, problem.frame_masks};
   std::vector<Eigen::MatrixXd> covariances;
   covariances.reserve(groups.size());
   for (const std::vector<int>& group : groups) {
@@ -153,11 +133,46 @@ std::vector<double> SolveForVariances(const RigEquationsBase& equations,
   return variances;
 }
 
-template <class R>
-std::optional<std::vector<std::vector<double>>> ComputeOfParameters(
-    const RigProblem<typename R::Observation>& problem, const RigState& state,
+}  // namespace
+
+std::optional<PoseCovariances> ComputePoseCovariances(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
     const Context& context) {
-  RigEquations<R> equations(problem, {ReducedSolver::kDirect}, context);
+  Equations equations(problem, {ReducedSolver::kDirect}, context);
+  const RigStructure& s = equations.structure();
+  PoseCovariances result;
+  std::vector<FreePose> poses;
+  ListPoses(s.frame_block, problem.frame_masks, &result.frames, &poses);
+  ListPoses(s.sensor_block, problem.sensor_masks, &result.sensors, &poses);
+  if (poses.empty()) return result;
+  equations.SetState(state);
+  if (!equations.Linearize(kCovarianceDamping) || !equations.Factorize()) {
+    return std::nullopt;
+  }
+  for (size_t begin = 0; begin < poses.size(); begin += kBlocksPerSolve) {
+    context.CheckInterrupted();
+    SolveForPoses(equations, poses, begin,
+                  std::min(begin + kBlocksPerSolve, poses.size()));
+  }
+  return result;
+}
+
+std::optional<std::vector<Eigen::MatrixXd>> ComputeSensorCovariances(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
+    const std::vector<std::vector<int>>& groups, const Context& context) {
+  return ComputeOfGroups(problem, state, groups, context, true);
+}
+
+std::optional<std::vector<Eigen::MatrixXd>> ComputeFrameCovariances(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
+    const std::vector<std::vector<int>>& groups, const Context& context) {
+  return ComputeOfGroups(problem, state, groups, context, false);
+}
+
+std::optional<std::vector<std::vector<double>>> ComputeParameterVariances(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
+    const Context& context) {
+  Equations equations(problem, {ReducedSolver::kDirect}, context);
   const RigStructure& s = equations.structure();
   std::vector<std::vector<double>> variances(problem.cameras.size());
   equations.SetState(state);
@@ -172,52 +187,6 @@ std::optional<std::vector<std::vector<double>>> ComputeOfParameters(
         static_cast<int>(problem.cameras[i].free_params.size()));
   }
   return variances;
-}
-
-}  // namespace
-
-template <>
-std::optional<PoseCovariances> ComputePoseCovariances<PixelObservation>(
-    const RigProblem<PixelObservation>& problem, const RigState& state,
-    const Context& context) {
-  return Compute<PixelResidual>(problem, state, context);
-}
-
-template <>
-std::optional<PoseCovariances> ComputePoseCovariances<RayObservation>(
-    const RigProblem<RayObservation>& problem, const RigState& state,
-    const Context& context) {
-  return Compute<RayResidual>(problem, state, context);
-}
-
-template <>
-std::optional<std::vector<Eigen::MatrixXd>>
-ComputeSensorCovariances<PixelObservation>(
-    const RigProblem<PixelObservation>& problem, const RigState& state,
-    const std::vector<std::vector<int>>& groups, const Context& context) {
-  return ComputeOfGroups<PixelResidual>(
-      problem, state, groups, context, [&](const RigStructure& s) {
-        return PoseList{s.sensor_block, problem.sensor_masks};
-      });
-}
-
-template <>
-std::optional<std::vector<Eigen::MatrixXd>>
-ComputeFrameCovariances<PixelObservation>(
-    const RigProblem<PixelObservation>& problem, const RigState& state,
-    const std::vector<std::vector<int>>& groups, const Context& context) {
-  return ComputeOfGroups<PixelResidual>(
-      problem, state, groups, context, [&](const RigStructure& s) {
-        return PoseList{s.frame_block, problem.frame_masks};
-      });
-}
-
-template <>
-std::optional<std::vector<std::vector<double>>>
-ComputeParameterVariances<PixelObservation>(
-    const RigProblem<PixelObservation>& problem, const RigState& state,
-    const Context& context) {
-  return ComputeOfParameters<PixelResidual>(problem, state, context);
 }
 
 }  // namespace mgsfm

@@ -32,26 +32,23 @@ struct PoseCovariances {
 // directions without residuals get huge variances. nullopt if a derivative is
 // not finite or the factorization fails. Cost: one factorization, and six
 // triangular solves per pose.
-template <class Observation>
 [[nodiscard]] std::optional<PoseCovariances> ComputePoseCovariances(
-    const RigProblem<Observation>& problem, const RigState& state,
+    const RigProblem<PixelObservation>& problem, const RigState& state,
     const Context& context);
 
 // The same for groups of sensors, including the covariances between the sensors
 // of a group: 6 rows and columns per sensor, zero for sensors without
 // residuals.
-template <class Observation>
 [[nodiscard]] std::optional<std::vector<Eigen::MatrixXd>>
-ComputeSensorCovariances(const RigProblem<Observation>& problem,
+ComputeSensorCovariances(const RigProblem<PixelObservation>& problem,
                          const RigState& state,
                          const std::vector<std::vector<int>>& groups,
                          const Context& context);
 
 // The same for groups of frames: 6 rows and columns per frame, zero for
 // constant coordinates.
-template <class Observation>
 [[nodiscard]] std::optional<std::vector<Eigen::MatrixXd>>
-ComputeFrameCovariances(const RigProblem<Observation>& problem,
+ComputeFrameCovariances(const RigProblem<PixelObservation>& problem,
                         const RigState& state,
                         const std::vector<std::vector<int>>& groups,
                         const Context& context);
@@ -59,9 +56,8 @@ ComputeFrameCovariances(const RigProblem<Observation>& problem,
 // Variances of the free parameters of each camera; empty for cameras without
 // free parameters. Cost: one factorization, and one triangular solve per
 // parameter.
-template <class Observation>
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
-ComputeParameterVariances(const RigProblem<Observation>& problem,
+ComputeParameterVariances(const RigProblem<PixelObservation>& problem,
                           const RigState& state, const Context& context);
 
 }  // namespace mgsfm

@@ -2,6 +2,7 @@
 #include "rig_solver/pose_priors.h"
 
 #include <array>
+#include <optional>
 
 #include "geometry/so3.h"
 
@@ -10,63 +11,64 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // The weight rho' of a prior and the columns of its blocks, with zeros for
 // constant coordinates.
 struct WeightedPrior {
   double weight = 1.0;
-  Eigen::Matrix<double, 6, 1> value;
+  PoseVector value;
   std::array<int, 2> blocks = {kNoBlock, kNoBlock};
-  std::array<Matrix6d, 2> columns;
+  std::array<PoseMatrix, 2> columns;
 };
 
-void SetColumns(int block, const PoseMask& mask, const Matrix6d& derivative,
+void SetColumns(int block, const PoseMask& mask, const PoseMatrix& derivative,
                 int part, WeightedPrior* prior) {
   prior->blocks[part] = block;
   prior->columns[part] = derivative * mask.asDiagonal();
 }
 
-WeightedPrior WeighImagePrior(const RigProblemBase& problem,
-                              const RigStructure& s,
-                              const RigProblemBase::Image& image,
-                              const RobustLoss& loss,
-                              const PosePriorResidual& r) {
-  WeightedPrior weighted;
-  weighted.weight = loss.Weight(r.value.squaredNorm());
-  weighted.value = r.value;
-  SetColumns(s.frame_block[image.frame], problem.frame_masks[image.frame],
-             r.by_frame, 0, &weighted);
-  SetColumns(s.sensor_block[image.sensor], problem.sensor_masks[image.sensor],
-             r.by_sensor, 1, &weighted);
-  return weighted;
+// Calls function(residual, loss, frame, sensor) for each prior; the priors of
+// sensors have no frame.
+template <class Function>
+void VisitResiduals(const RigProblemBase& problem, const RigState& state,
+                    const Function& function) {
+  const auto visit = [&](const auto& priors, const RobustLoss& loss,
+                         const auto& evaluate) {
+    for (const auto& prior : priors) {
+      const RigProblemBase::Image& image = problem.images[prior.image];
+      function(
+          evaluate(prior, state.frames[image.frame],
+                   problem.MotionOf(prior.image), state.sensors[image.sensor]),
+          loss, std::optional<int>(image.frame), image.sensor);
+    }
+  };
+  visit(problem.position_priors, problem.position_loss, EvaluatePositionPrior);
+  visit(problem.gravity_priors, problem.gravity_loss, EvaluateGravityPrior);
+  for (const SensorPrior& prior : problem.sensor_priors) {
+    function(EvaluateSensorPrior(prior, state.sensors[prior.sensor]),
+             RobustLoss(), std::nullopt, prior.sensor);
+  }
 }
 
 // Calls function(WeightedPrior) for each prior.
 template <class Function>
 void VisitPriors(const RigProblemBase& problem, const RigStructure& s,
                  const RigState& state, const Function& function) {
-  const auto visit = [&](const auto& priors, const RobustLoss& loss,
-                         const auto& evaluate) {
-    for (const auto& prior : priors) {
-      const RigProblemBase::Image& image = problem.images[prior.image];
-      function(WeighImagePrior(problem, s, image, loss,
-                               evaluate(prior, state.frames[image.frame],
-                                        problem.MotionOf(prior.image),
-                                        state.sensors[image.sensor])));
-    }
-  };
-  visit(problem.position_priors, problem.position_loss, EvaluatePositionPrior);
-  visit(problem.gravity_priors, problem.gravity_loss, EvaluateGravityPrior);
-  for (const SensorPrior& prior : problem.sensor_priors) {
-    const PosePriorResidual r =
-        EvaluateSensorPrior(prior, state.sensors[prior.sensor]);
-    WeightedPrior weighted;
-    weighted.value = r.value;
-    SetColumns(s.sensor_block[prior.sensor], problem.sensor_masks[prior.sensor],
-               r.by_sensor, 0, &weighted);
-    function(weighted);
-  }
+  VisitResiduals(
+      problem, state,
+      [&](const PosePriorResidual& r, const RobustLoss& loss,
+          const std::optional<int>& frame, int sensor) {
+        WeightedPrior weighted;
+        weighted.weight = loss.Weight(r.value.squaredNorm());
+        weighted.value = r.value;
+        if (frame) {
+          SetColumns(s.frame_block[*frame], problem.frame_masks[*frame],
+                     r.by_frame, 0, &weighted);
+        }
+        SetColumns(s.sensor_block[sensor], problem.sensor_masks[sensor],
+                   r.by_sensor, 1, &weighted);
+        function(weighted);
+      });
 }
 
 // The columns of the unknowns of a block.
@@ -155,24 +157,10 @@ PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
 
 double CostOfPosePriors(const RigProblemBase& problem, const RigState& state) {
   double cost = 0.0;
-  for (const PositionPrior& prior : problem.position_priors) {
-    const RigProblemBase::Image& image = problem.images[prior.image];
-    const PosePriorResidual r = EvaluatePositionPrior(
-        prior, state.frames[image.frame], problem.MotionOf(prior.image),
-        state.sensors[image.sensor]);
-    cost += 0.5 * problem.position_loss.Cost(r.value.squaredNorm());
-  }
-  for (const GravityPrior& prior : problem.gravity_priors) {
-    const RigProblemBase::Image& image = problem.images[prior.image];
-    const PosePriorResidual r = EvaluateGravityPrior(
-        prior, state.frames[image.frame], problem.MotionOf(prior.image),
-        state.sensors[image.sensor]);
-    cost += 0.5 * problem.gravity_loss.Cost(r.value.squaredNorm());
-  }
-  for (const SensorPrior& prior : problem.sensor_priors) {
-    cost += 0.5 * EvaluateSensorPrior(prior, state.sensors[prior.sensor])
-                      .value.squaredNorm();
-  }
+  VisitResiduals(problem, state,
+                 [&](const PosePriorResidual& r, const RobustLoss& loss,
+                     const std::optional<int>&,
+                     int) { cost += 0.5 * loss.Cost(r.value.squaredNorm()); });
   return cost;
 }
 
@@ -199,7 +187,7 @@ void MultiplyPosePriors(const RigProblemBase& problem, const RigStructure& s,
                         const RigState& state, const Eigen::VectorXd& x,
                         Eigen::VectorXd* y) {
   VisitPriors(problem, s, state, [&](const WeightedPrior& prior) {
-    Eigen::Matrix<double, 6, 1> sum = Eigen::Matrix<double, 6, 1>::Zero();
+    PoseVector sum = PoseVector::Zero();
     for (int a = 0; a < 2; ++a) {
       if (prior.blocks[a] == kNoBlock) continue;
       sum += UsedColumns(s, prior, a) *

@@ -12,9 +12,9 @@ namespace mgsfm {
 // sensor. Only the first `size` rows are used.
 struct PosePriorResidual {
   int size = 0;
-  Eigen::Matrix<double, 6, 1> value = Eigen::Matrix<double, 6, 1>::Zero();
-  Eigen::Matrix<double, 6, 6> by_frame = Eigen::Matrix<double, 6, 6>::Zero();
-  Eigen::Matrix<double, 6, 6> by_sensor = Eigen::Matrix<double, 6, 6>::Zero();
+  PoseVector value = PoseVector::Zero();
+  PoseMatrix by_frame = PoseMatrix::Zero();
+  PoseMatrix by_sensor = PoseMatrix::Zero();
 };
 
 // `motion` is that of the image of the prior since its frame.

@@ -11,7 +11,7 @@
 #include "base/parallel.h"
 #include "base/ranges.h"
 #include "mgsfm/base/mask.h"
-#include "rig_solver/chunk_groups.h"
+#include "rig_solver/chunk_builder.h"
 
 namespace mgsfm {
 

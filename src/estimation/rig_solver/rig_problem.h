@@ -23,7 +23,6 @@ namespace mgsfm {
 //   sensor (S, t):  S <- Exp(w) S,  t <- t + d
 // With the center as coordinate, rotating a frame does not move it, however far
 // it is from the origin.
-using PoseVector = Eigen::Matrix<double, 6, 1>;
 
 // 1 for free coordinates, 0 for constant ones.
 using PoseMask = PoseVector;
@@ -121,7 +120,7 @@ struct SensorPrior {
   double sigma_rad = 1.0;
   double sigma_length = 1.0;
   // Not the identity if the coordinates are correlated.
-  Eigen::Matrix<double, 6, 6> factor = Eigen::Matrix<double, 6, 6>::Identity();
+  PoseMatrix factor = PoseMatrix::Identity();
 };
 
 // Everything that a solve leaves unchanged, except the observations.

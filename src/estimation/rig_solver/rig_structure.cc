@@ -12,7 +12,6 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "rig_solver/chunk_builder.h"
-#include "rig_solver/chunk_groups.h"
 #include "rig_solver/preconditioner_pattern.h"
 
 namespace mgsfm {

@@ -113,33 +113,21 @@ class ImageBlocks {
   Eigen::Matrix<double, N, 1> sensor_;
 };
 
-template <int N>
-void AddImages(const RigProblemBase& problem, const RigStructure& structure,
-               const ChunkRanges& chunk, const std::vector<ImagePose>& poses,
-               SchurWorkspace* w) {
+// Calls function(blocks, i, size) for the images of a chunk that have columns.
+template <class Function>
+void ForEachImage(const RigProblemBase& problem, const RigStructure& structure,
+                  const ChunkRanges& chunk, const std::vector<ImagePose>& poses,
+                  const SchurWorkspace& w, const Function& function) {
   for (size_t i = 0; i < chunk.images.size(); ++i) {
-    const int size = w->image_num_columns[i];
+    const int size = w.image_num_columns[i];
     if (size == 0) continue;
     const ChunkImage& image = structure.chunk_images[chunk.images.begin + i];
-    const ImageBlocks<N> blocks(problem, image, poses[image.image]);
-    blocks.AddMatrix(w->image_hessians.data() + w->image_hessian_begin[i], size,
-                     w);
-    blocks.AddVector(w->image_gradients.data() + kMaxNumImageColumns * i, size,
-                     *w, w->gradient.data());
-  }
-}
-
-template <int N>
-void AddVectors(const RigProblemBase& problem, const RigStructure& structure,
-                const ChunkRanges& chunk, const std::vector<ImagePose>& poses,
-                SchurWorkspace* w) {
-  for (size_t i = 0; i < chunk.images.size(); ++i) {
-    const int size = w->image_num_columns[i];
-    if (size == 0) continue;
-    const ChunkImage& image = structure.chunk_images[chunk.images.begin + i];
-    ImageBlocks<N>(problem, image, poses[image.image])
-        .AddVector(w->image_gradients.data() + kMaxNumImageColumns * i, size,
-                   *w, w->product.data());
+    const ImagePose& pose = poses[image.image];
+    if (structure.pose_size == 6) {
+      function(ImageBlocks<6>(problem, image, pose), i, size);
+    } else {
+      function(ImageBlocks<3>(problem, image, pose), i, size);
+    }
   }
 }
 
@@ -236,24 +224,26 @@ void SchurWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
 
 void AddImagesToSystem(const RigProblemBase& problem,
                        const RigStructure& structure, const ChunkRanges& chunk,
-                       const std::vector<ImagePose>& poses,
-                       SchurWorkspace* workspace) {
-  if (structure.pose_size == 6) {
-    AddImages<6>(problem, structure, chunk, poses, workspace);
-  } else {
-    AddImages<3>(problem, structure, chunk, poses, workspace);
-  }
+                       const std::vector<ImagePose>& poses, SchurWorkspace* w) {
+  ForEachImage(
+      problem, structure, chunk, poses, *w,
+      [w](const auto& blocks, size_t i, int size) {
+        blocks.AddMatrix(w->image_hessians.data() + w->image_hessian_begin[i],
+                         size, w);
+        blocks.AddVector(w->image_gradients.data() + kMaxNumImageColumns * i,
+                         size, *w, w->gradient.data());
+      });
 }
 
 void AddImageVectors(const RigProblemBase& problem,
                      const RigStructure& structure, const ChunkRanges& chunk,
-                     const std::vector<ImagePose>& poses,
-                     SchurWorkspace* workspace) {
-  if (structure.pose_size == 6) {
-    AddVectors<6>(problem, structure, chunk, poses, workspace);
-  } else {
-    AddVectors<3>(problem, structure, chunk, poses, workspace);
-  }
+                     const std::vector<ImagePose>& poses, SchurWorkspace* w) {
+  ForEachImage(problem, structure, chunk, poses, *w,
+               [w](const auto& blocks, size_t i, int size) {
+                 blocks.AddVector(
+                     w->image_gradients.data() + kMaxNumImageColumns * i, size,
+                     *w, w->product.data());
+               });
 }
 
 OrderedChunks::OrderedChunks(const RigStructure& structure, int num_threads)

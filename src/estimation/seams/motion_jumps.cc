@@ -8,6 +8,7 @@
 
 #include "base/ranges.h"
 #include "math/statistics.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -101,8 +102,7 @@ Baselines CollectBaselines(const Scene& scene, const FramePairIndex& index,
     }
     for (const size_t i : frames.pair_idxs) {
       const ImagePair& pair = view_graph.pairs[i];
-      const bool is_equal_sensor = scene.images[pair.image_idx1].sensor_idx ==
-                                   scene.images[pair.image_idx2].sensor_idx;
+      const bool is_equal_sensor = IsOfOneSensor(scene, pair);
       if (frames.IsBetweenFrames() && !is_equal_sensor) continue;
       const auto baseline = BaselineOf(
           scene, pair, scene.images[pair.image_idx1].frame_idx != step.earlier,

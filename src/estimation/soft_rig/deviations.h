@@ -2,13 +2,72 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
+#include "bundle_adjustment/problem_builder.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/rig_problem.h"
-#include "soft_rig/soft_rig_problem.h"
 
 namespace mgsfm {
+
+// The standard deviation of each coordinate of the deviations of a sensor.
+struct DeviationSigma {
+  double rotation_rad = 0.0;
+  double position = 0.0;
+};
+
+// A model with one pose per image.
+struct SoftRigModel {
+  Reconstruction rig;       // of the scene; its points are not used
+  Reconstruction separate;  // of SeparateImages(scene)
+};
+
+// `expected` is S_s per image, nullopt for unregistered images; `sigmas`
+// are per sensor of the scene.
+struct DeviationPrior {
+  const std::vector<std::optional<Rigid3>>& expected;
+  const std::vector<DeviationSigma>& sigmas;
+  double sigma_px = 1.0;
+};
+
+// Problem (1) of soft_rig.h as a rig problem in which every image is a sensor
+// with a prior at its expected pose. The images of a frame therefore move with
+// it even if the priors are tight. Frames are those of the scene.
+BuiltProblem BuildSoftRigProblem(const Scene& scene, const Scene& separate,
+                                 const SoftRigModel& model,
+                                 const DeviationPrior& deviations,
+                                 const BundleAdjustmentOptions& options,
+                                 const BundlePriors& priors);
+
+// Writes back frames, images, points and cameras. Images that are not in the
+// problem get their expected pose.
+void WriteBack(const BuiltProblem& soft, const Scene& scene,
+               const std::vector<std::optional<Rigid3>>& expected,
+               SoftRigModel* model);
+
+// The sum of reprojection errors over the images of a sensor.
+struct ErrorSums {
+  double sum_px = 0.0;
+  size_t num_observations = 0;
+
+  double Mean() const {
+    return num_observations > 0 ? sum_px / static_cast<double>(num_observations)
+                                : 0.0;
+  }
+};
+
+// Per sensor.
+std::vector<ErrorSums> SumErrors(const Scene& scene,
+                                 const Reconstruction& reconstruction);
+
+// The pose of each image; nullopt if it is not registered.
+std::vector<std::optional<Rigid3>> ImagePosesOf(const Scene& scene,
+                                                const Reconstruction& model);
 
 // The updates of the hyperparameters in soft_rig.h from the deviations of
 // images.
@@ -46,7 +105,6 @@ PoseVector PriorVariances(const DeviationSigma& sigma);
 
 // The derivative of the expected pose of an image with respect to a change of
 // the pose of its sensor.
-using SensorJacobian = PoseMatrix;
 
 // The normal equations of the extrinsics of a rig. Unknowns: 6 per sensor, in
 // the order of the sensors of the rig ("slots").
@@ -58,7 +116,7 @@ class CalibrationEquations {
   // sensor, its prior variances, and the derivative of its expected pose.
   void AddFrame(const FrameDeviations& frame, const std::vector<int>& slots,
                 const std::vector<PoseVector>& prior_variances,
-                const std::vector<SensorJacobian>& jacobians);
+                const std::vector<PoseMatrix>& jacobians);
   // Adds a prior on the change of a pose.
   void AddPrior(int slot, const PoseVector& change,
                 const PoseVector& variances);
@@ -70,5 +128,23 @@ class CalibrationEquations {
   Eigen::MatrixXd matrix_;
   Eigen::VectorXd vector_;
 };
+
+// The expected pose S_s D_i of soft_rig.h per image; nullopt for unregistered
+// images.
+std::vector<std::optional<Rigid3>> ExpectedPoses(const Scene& scene,
+                                                 const Reconstruction& rig);
+
+// The derivative of the expected pose with respect to the pose of the sensor,
+// in the coordinates of rig_problem.h.
+PoseMatrix ExpectedPoseJacobian(const Scene& scene, const Reconstruction& rig,
+                                int image_idx);
+
+// One generalized least squares step of the extrinsics of all rigs: the
+// quantities of soft_rig.h that the images of a sensor share.
+void UpdateExtrinsics(const Scene& scene,
+                      const std::vector<FrameDeviations>& frames,
+                      const std::vector<DeviationSigma>& sigmas,
+                      const BundleAdjustmentOptions& options,
+                      Reconstruction* rig);
 
 }  // namespace mgsfm

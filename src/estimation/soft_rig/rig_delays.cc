@@ -8,9 +8,9 @@
 
 #include "base/ranges.h"
 #include "geometry/so3.h"
+#include "soft_rig/deviations.h"
 #include "soft_rig/rig_scores.h"
 #include "soft_rig/rig_timing.h"
-#include "soft_rig/soft_rig_problem.h"
 #include "soft_rig/timed_rig.h"
 
 namespace mgsfm {
@@ -19,6 +19,8 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+
+constexpr int kSensorColumns = RigScores::kNumColumns;
 
 // The root mean square distance of frames from their mean position.
 double SpreadOf(const Reconstruction& model) {
@@ -204,8 +206,15 @@ std::optional<Stretch> StretchOfDistances(
       gradient.dot(Jackknife(scores) * gradient)};
 }
 
-}  // namespace
-
+// The error of the unit of length of `model`, which is defined by known sensor
+// poses or known distances between sensors. `scores` have a fixed scale
+// (RigGauge::kFixedScale) and are those of `rig`, which starts at `model` and
+// may have delays.
+//
+// At a fixed scale of the world, the baselines of known poses are exp(u) times
+// the known ones. u is estimated jointly with the delays and with the poses,
+// which have priors. nullopt if no length is known, or if the frames are closer
+// together than the sensors: the rig itself is then the largest length.
 std::optional<UnitError> EstimateUnitError(
     const Scene& scene, const RigScores& scores, const TimedRig& rig,
     const Reconstruction& model,
@@ -227,13 +236,6 @@ std::optional<UnitError> EstimateUnitError(
       IsCertain(error.log_factor / error.sigma, scores.scores.cols());
   return error;
 }
-
-namespace {
-
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
-
-constexpr int kSensorColumns = RigScores::kNumColumns;
 
 // The same with pose columns only.
 RigScores WithoutDelays(RigScores scores) {
@@ -368,8 +370,8 @@ void AddRigErrors(const Scene& scene, const Reconstruction& model,
     const int i = camera.sensor_idx;
     double& factor = factor_of_rig[scene.sensors[i].rig_idx];
     factor = std::max(factor, camera.overdispersion);
-    add(DeviationOf(*delays.delayed.sensor_from_rig[i],
-                    *model.sensor_from_rig[i]),
+    add(UpdateBetween(*model.sensor_from_rig[i],
+                      *delays.delayed.sensor_from_rig[i]),
         &covariances->sensors[i],
         std::max(camera.overdispersion, camera.overdispersion_of_points));
   }

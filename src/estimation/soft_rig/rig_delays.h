@@ -16,21 +16,6 @@
 
 namespace mgsfm {
 
-// The error of the unit of length of `model`, which is defined by known sensor
-// poses or known distances between sensors. `scores` have a fixed scale
-// (RigGauge::kFixedScale) and are those of `rig`, which starts at `model` and
-// may have delays.
-//
-// At a fixed scale of the world, the baselines of known poses are exp(u) times
-// the known ones. u is estimated jointly with the delays and with the poses,
-// which have priors. nullopt if no length is known, or if the frames are closer
-// together than the sensors: the rig itself is then the largest length.
-std::optional<UnitError> EstimateUnitError(
-    const Scene& scene, const RigScores& scores, const TimedRig& rig,
-    const Reconstruction& model,
-    const std::vector<std::pair<int, int>>& known_distances,
-    const BundleAdjustmentOptions& options);
-
 // Knowledge about the rig other than images.
 struct RigMeasurements {
   CaptureTimes times;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "bundle_adjustment/solve.h"
@@ -15,7 +16,7 @@
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/residuals.h"
 #include "rig_solver/rig_equations.h"
-#include "soft_rig/soft_rig_problem.h"
+#include "soft_rig/deviations.h"
 
 namespace mgsfm {
 namespace {
@@ -82,8 +83,7 @@ struct Sums {
 };
 
 Vector2d PrincipalPoint(const Camera& camera) {
-  const auto& idxs =
-      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  const auto& idxs = InfoOf(camera.model).principal_point_idxs;
   return {camera.params[idxs[0]], camera.params[idxs[1]]};
 }
 
@@ -406,8 +406,8 @@ ScoreColumns NumberColumns(const Scene& scene, const TimedRig& rig,
   std::vector<bool> has_focal_length(scene.cameras.size(), false);
   for (const int i : built.image_idxs) {
     const Image& image = scene.images[i];
-    const CameraModelInfo& model = *FindCameraModel(
-        static_cast<int32_t>(scene.cameras[image.camera_idx].model));
+    const CameraModelInfo& model =
+        InfoOf(scene.cameras[image.camera_idx].model);
     is_seen[image.sensor_idx] = true;
     has_focal_length[image.camera_idx] = !model.focal_length_idxs.empty();
   }
@@ -440,10 +440,9 @@ ScoreColumns NumberColumns(const Scene& scene, const TimedRig& rig,
 void FixGaugeOfFrames(const Scene& scene, const std::vector<int>& sensor_idxs,
                       RigGauge gauge, BuiltProblem* built) {
   BundleProblem& problem = built->problem;
-  const bool is_known =
-      std::any_of(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
-        return scene.sensors[sensor_idx].sensor_from_rig.has_value();
-      });
+  const bool is_known = AnyOf(sensor_idxs, [&](int sensor_idx) {
+    return scene.sensors[sensor_idx].sensor_from_rig.has_value();
+  });
   std::fill(problem.frame_masks.begin(), problem.frame_masks.end(),
             PoseMask::Ones());
   if (is_known && gauge == RigGauge::kKnownPoses) {
@@ -471,13 +470,12 @@ KnownColumns FindKnownColumns(const Scene& scene, const RigScores& scores,
     const auto first = static_cast<Eigen::Index>(kColumns * k);
     known.information.segment<6>(first) =
         (scores.sigma_px * information).cwiseAbs2().cwiseProduct(refined.mask);
-    known.deviation.segment<6>(first) = DeviationOf(
-        *model.sensor_from_rig[sensor_idx], refined.prior->sensor_from_rig);
+    known.deviation.segment<6>(first) = UpdateBetween(
+        refined.prior->sensor_from_rig, *model.sensor_from_rig[sensor_idx]);
   }
   for (size_t c = 0; c < scores.camera_idxs.size(); ++c) {
     const Camera& camera = scene.cameras[scores.camera_idxs[c]];
-    const int focal = FindCameraModel(static_cast<int32_t>(camera.model))
-                          ->focal_length_idxs.front();
+    const int focal = InfoOf(camera.model).focal_length_idxs.front();
     const double sigma = camera.has_prior_focal_length
                              ? options.focal_length_prior_sigma
                              : options.focal_length_start_sigma;
@@ -497,8 +495,8 @@ std::optional<RigScores> ComputeRigScores(
     RigGauge gauge) {
   BundleAdjustmentOptions adjusted =
       rig.estimates_delays ? RefiningKnownPoses(options) : options;
-  const double sigma_px = std::max(
-      kMinKeypointSigmaPx, NoiseSigmaPx(scene, rig.model, context.num_threads));
+  const double sigma_px =
+      KeypointSigmaPx(scene, rig.model, context.num_threads);
   adjusted.loss_scale_px = LossScalePx(options, sigma_px);
   adjusted.refine_principal_point = RefineMode::kNo;
   adjusted.refine_extra_params = RefineMode::kNo;
@@ -529,9 +527,6 @@ std::optional<RigScores> ComputeRigScores(
   }
   return result;
 }
-
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
 
 MatrixXd InvertInformation(MatrixXd information) {
   MatrixXd M = std::move(information);

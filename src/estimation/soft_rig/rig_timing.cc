@@ -9,11 +9,12 @@
 #include <vector>
 
 #include "base/format.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/solve.h"
 #include "scene/observations.h"
+#include "soft_rig/deviations.h"
 #include "soft_rig/rig_scores.h"
-#include "soft_rig/soft_rig_problem.h"
 #include "soft_rig/timed_rig.h"
 
 namespace mgsfm {
@@ -157,8 +158,7 @@ double ChangeOf(const std::vector<RigMotion>& after,
 bool SolveAtTimes(const TimingRun& run, const Scene& seen, TimedRig* rig,
                   SoftRigSummary* summary) {
   const auto noise_px = [&] {
-    return std::max(kMinKeypointSigmaPx,
-                    NoiseSigmaPx(seen, rig->model, run.context.num_threads));
+    return KeypointSigmaPx(seen, rig->model, run.context.num_threads);
   };
   // Later, points lag behind the step before the solve.
   if (summary->solves.empty()) summary->sigma_px = noise_px();
@@ -185,10 +185,9 @@ bool SolveAtTimes(const TimingRun& run, const Scene& seen, TimedRig* rig,
 }
 
 bool HasMotions(const TimedRig& rig) {
-  return std::any_of(rig.model.motions.begin(), rig.model.motions.end(),
-                     [](const RigMotion& motion) {
-                       return !motion.shift_in_world.isZero(0.0);
-                     });
+  return AnyOf(rig.model.motions, [](const RigMotion& motion) {
+    return !motion.shift_in_world.isZero(0.0);
+  });
 }
 
 // One round. Returns false, with a message in the summary, on failure.
@@ -293,9 +292,8 @@ bool AreVisiblyDifferent(const Scene& scene, const Reconstruction& model,
       count += 1.0;
     }
   }
-  const double noise_px = std::max(
-      kMinKeypointSigmaPx, NoiseSigmaPx(scene, model, context.num_threads));
-  const double least_px = kMinDisplacement * noise_px;
+  const double least_px =
+      kMinDisplacement * KeypointSigmaPx(scene, model, context.num_threads);
   return squares > count * least_px * least_px;
 }
 
@@ -365,11 +363,8 @@ bool ExplainsMore(const Scene& scene, const Reconstruction& a,
     double sum = 0.0;
     for (const Point3D& point : model.points) {
       for (const Observation& o : point.track) {
-        const double error_px = views[o.image_idx].ReprojectionError(
-            point.point_in_world, scene.images[o.image_idx]
-                                      .keypoints_px[o.keypoint_idx]
-                                      .cast<double>());
-        const double ratio = error_px / bound_px;
+        const double ratio =
+            ReprojectionError(scene, views, o, point.point_in_world) / bound_px;
         if (ratio < 1.0) sum += 1.0 - ratio * ratio;
       }
     }

@@ -126,16 +126,10 @@ namespace {
 std::vector<std::optional<RigTrajectory>> MakeTrajectories(
     const Scene& scene, const CaptureTimes& times,
     const Reconstruction& model) {
-  std::vector<std::vector<std::pair<double, int>>> frames(scene.rigs.size());
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
-    if (!model.rig_from_world[f]) continue;
-    frames[scene.frames[f].rig_idx].emplace_back(times.frames[f],
-                                                 static_cast<int>(f));
-  }
+  const auto frames = FramesOfRigs(scene, times, model);
   std::vector<std::optional<RigTrajectory>> trajectories(scene.rigs.size());
   for (size_t r = 0; r < frames.size(); ++r) {
     if (frames[r].empty()) continue;
-    std::sort(frames[r].begin(), frames[r].end());
     std::vector<double> times_of_rig;
     std::vector<Rigid3> poses;
     for (const auto& [time, frame_idx] : frames[r]) {
@@ -153,6 +147,19 @@ RigMotion MotionBetween(const Rigid3& from, const Rigid3& to) {
 }
 
 }  // namespace
+
+std::vector<std::vector<std::pair<double, int>>> FramesOfRigs(
+    const Scene& scene, const CaptureTimes& times,
+    const Reconstruction& model) {
+  std::vector<std::vector<std::pair<double, int>>> frames(scene.rigs.size());
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    if (!model.rig_from_world[f]) continue;
+    frames[scene.frames[f].rig_idx].emplace_back(times.frames[f],
+                                                 static_cast<int>(f));
+  }
+  for (auto& of_rig : frames) std::sort(of_rig.begin(), of_rig.end());
+  return frames;
+}
 
 ImageMotions FindImageMotions(const Scene& scene, const CaptureTimes& times,
                               const std::vector<double>& delays,

@@ -48,6 +48,10 @@ struct CaptureTimes {
   bool are_seconds = false;
 };
 
+// Per rig, the times and indices of its frames with a pose, sorted.
+std::vector<std::vector<std::pair<double, int>>> FramesOfRigs(
+    const Scene& scene, const CaptureTimes& times, const Reconstruction& model);
+
 // The motions of rigs at the times of their images.
 struct ImageMotions {
   std::vector<RigMotion> since_frame;  // per image

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/ranges.h"
 #include "bundle_adjustment/problem_builder.h"
 #include "geometry/decompositions.h"
 #include "geometry/so3.h"
@@ -98,8 +99,8 @@ bool HasLength(const std::optional<SensorPosePrior>& prior) {
 }
 
 bool HasLength(const CalibrationPrior& prior) {
-  return std::any_of(prior.sensors.begin(), prior.sensors.end(),
-                     [](const auto& sensor) { return HasLength(sensor); });
+  return AnyOf(prior.sensors,
+               [](const auto& sensor) { return HasLength(sensor); });
 }
 
 // The probability that four times F of four and nine degrees of freedom
@@ -116,10 +117,8 @@ double ChanceOf(double value) {
 // coordinates whose small variances model errors exceed.
 std::optional<RigDifference> Compare(int sensor_idx, const RigSensor& prior,
                                      const RigSensor& sensor) {
-  PoseVector d;
-  d << LogSO3(sensor.sensor_from_rig.rotation *
-              prior.sensor_from_rig.rotation.conjugate()),
-      sensor.sensor_from_rig.translation - prior.sensor_from_rig.translation;
+  const PoseVector d =
+      UpdateBetween(prior.sensor_from_rig, sensor.sensor_from_rig);
   const PoseMatrix C = prior.covariance + sensor.covariance;
   const auto sigma_of = [&](int first) {
     const Eigen::Vector3d axis = d.segment<3>(first).normalized();

@@ -9,12 +9,11 @@
 #include "bundle_adjustment/point_filters.h"
 #include "bundle_adjustment/retriangulation.h"
 #include "bundle_adjustment/solve.h"
+#include "geometry/so3.h"
 #include "rig_solver/pose_covariances.h"
 #include "rig_solver/rig_solver.h"
 #include "scene/observations.h"
 #include "soft_rig/deviations.h"
-#include "soft_rig/rig_calibration.h"
-#include "soft_rig/soft_rig_problem.h"
 
 namespace mgsfm {
 namespace {
@@ -65,9 +64,8 @@ double MedianPointDistance(const SoftRigRun& input, const SoftRigModel& model) {
 }
 
 double EstimateNoisePx(const SoftRigRun& input, const SoftRigModel& model) {
-  return std::max(
-      kMinKeypointSigmaPx,
-      NoiseSigmaPx(input.separate, model.separate, input.context.num_threads));
+  return KeypointSigmaPx(input.separate, model.separate,
+                         input.context.num_threads);
 }
 
 // The initial sigmas would explain the reprojection errors of the rigid model.
@@ -83,8 +81,7 @@ SoftRigState InitialState(const SoftRigRun& input) {
   const double distance = MedianPointDistance(input, state.model);
   for (const Sensor& sensor : input.scene.sensors) {
     const Camera& camera = input.initial.cameras[sensor.camera_idx];
-    const double angle =
-        state.sigma_px / PixelsPerRadian(camera.model, camera.params.data());
+    const double angle = state.sigma_px / PixelsPerRadian(camera);
     state.sigmas.push_back({angle, angle * distance});
   }
   state.expected = ExpectedPoses(input.scene, input.initial);
@@ -167,7 +164,7 @@ std::optional<std::vector<FrameDeviations>> SampleDeviations(
       const int image_idx = soft.image_idxs[i];
       frame.images.push_back(
           {image_idx, input.scene.images[image_idx].sensor_idx,
-           DeviationOf(built.state.sensors[i], *state.expected[image_idx])});
+           UpdateBetween(*state.expected[image_idx], built.state.sensors[i])});
     }
     frames.push_back(std::move(frame));
   }
@@ -248,7 +245,7 @@ double MaxErrorOfRound(const SoftRigRun& input, const SoftRigState& state,
     const Camera& camera =
         state.model.rig.cameras[input.scene.sensors[s].camera_idx];
     misfit_px = std::max(misfit_px,
-                         PixelsPerRadian(camera.model, camera.params.data()) *
+                         PixelsPerRadian(camera) *
                              std::hypot(state.sigmas[s].rotation_rad,
                                         state.sigmas[s].position / distance));
   }
@@ -295,9 +292,9 @@ void SummarizeDeviations(const SoftRigRun& input, const SoftRigState& state,
     const Image& image = input.scene.images[i];
     const auto& pose = state.model.separate.rig_from_world[i];
     if (image.sensor_idx != sensor->sensor_idx || !pose) continue;
-    const PoseVector deviation = DeviationOf(
-        *pose * state.model.rig.rig_from_world[image.frame_idx]->Inverse(),
-        *state.expected[i]);
+    const PoseVector deviation = UpdateBetween(
+        *state.expected[i],
+        *pose * state.model.rig.rig_from_world[image.frame_idx]->Inverse());
     const double rotation = deviation.head<3>().norm();
     const double position = deviation.tail<3>().norm();
     ++sensor->num_images;

@@ -12,7 +12,7 @@
 #include "bundle_adjustment/solve.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "soft_rig/soft_rig_problem.h"
+#include "soft_rig/deviations.h"
 
 namespace mgsfm {
 namespace {
@@ -27,14 +27,7 @@ constexpr Eigen::Index kDelayColumn = RigScores::kNumColumns - 1;
 std::vector<int> BlocksOfFrames(const Scene& scene, const CaptureTimes& times,
                                 const Reconstruction& model) {
   std::vector<int> blocks(scene.frames.size(), 0);
-  std::vector<std::vector<std::pair<double, int>>> frames(scene.rigs.size());
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
-    if (!model.rig_from_world[f]) continue;
-    frames[scene.frames[f].rig_idx].emplace_back(times.frames[f],
-                                                 static_cast<int>(f));
-  }
-  for (auto& of_rig : frames) {
-    std::sort(of_rig.begin(), of_rig.end());
+  for (const auto& of_rig : FramesOfRigs(scene, times, model)) {
     for (size_t k = 0; k < of_rig.size(); ++k) {
       blocks[of_rig[k].second] = static_cast<int>(k * 10 / of_rig.size());
     }
@@ -146,8 +139,7 @@ void ApplyStep(const Scene& scene, const CaptureTimes& times,
     const Eigen::Index delay = scores.DelayColumn(k);
     const PoseVector change = step.segment<6>(delay - 6);
     Rigid3& pose = *model.sensor_from_rig[scores.sensor_idxs[k]];
-    pose.rotation = (ExpSO3(change.head<3>()) * pose.rotation).normalized();
-    pose.translation += change.tail<3>();
+    pose = Updated(pose, change);
     rig->delays[scores.sensor_idxs[k]] += step[delay];
   }
   for (size_t k = 0; k < scores.readout_sensor_idxs.size(); ++k) {
@@ -203,13 +195,12 @@ std::optional<Scene> WithoutReadouts(const Scene& scene, const TimedRig& rig) {
     const Camera& camera = model.cameras[image.camera_idx];
     for (size_t k = 0; k < image.keypoints_px.size(); ++k) {
       const Vector2d pixel = image.keypoints_px[k].cast<double>();
-      const auto ray = RayFromPixel(camera.model, camera.params.data(), pixel);
+      const auto ray = RayFromPixel(camera, pixel);
       if (!ray) continue;
       const double time =
           rig.readouts[image.sensor_idx] * (pixel.y() / camera.height_px - 0.5);
       const auto at_image =
-          ProjectToPixel(camera.model, camera.params.data(),
-                         After(distances[i][k] * *ray, rate, -time));
+          ProjectToPixel(camera, After(distances[i][k] * *ray, rate, -time));
       if (at_image) image.keypoints_px[k] = at_image->cast<float>();
     }
   }

@@ -6,7 +6,7 @@
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 
-namespace mgsfm::internal {
+namespace mgsfm {
 namespace {
 
 // Calls function(node1, node2, num_pair_matches) for all used matches.
@@ -137,4 +137,4 @@ ConflictingMatches GatherConflictingMatches(const KeypointNodes& nodes,
   return result;
 }
 
-}  // namespace mgsfm::internal
+}  // namespace mgsfm

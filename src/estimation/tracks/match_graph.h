@@ -11,7 +11,7 @@
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/tracks/track_establishment.h"
 
-namespace mgsfm::internal {
+namespace mgsfm {
 
 // The nodes of the match graph: all keypoints of a scene, numbered image by
 // image, in the order of observations.
@@ -67,4 +67,4 @@ ConflictingMatches GatherConflictingMatches(const KeypointNodes& nodes,
                                             const MatchSelection& selection,
                                             const MatchComponents& components);
 
-}  // namespace mgsfm::internal
+}  // namespace mgsfm

@@ -24,8 +24,7 @@ bool Agrees(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
 
 double PixelsPerRadianOf(const Scene& scene, const Reconstruction& model,
                          int image_idx) {
-  const Camera& camera = model.cameras[scene.images[image_idx].camera_idx];
-  return PixelsPerRadian(camera.model, camera.params.data());
+  return PixelsPerRadian(model.cameras[scene.images[image_idx].camera_idx]);
 }
 
 // For each match of a pair, whether it agrees with the model; nullopt if an

@@ -327,8 +327,8 @@ void CollectDepths(const BaselineMatches& matches,
 
 // The angle of one pixel in the camera of an image.
 double PixelRad(const Scene& scene, int image_idx) {
-  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
-  return 1.0 / PixelsPerRadian(camera.model, camera.params.data());
+  return 1.0 /
+         PixelsPerRadian(scene.cameras[scene.images[image_idx].camera_idx]);
 }
 
 struct PairRays {

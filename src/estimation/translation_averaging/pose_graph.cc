@@ -11,7 +11,6 @@
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "mgsfm/base/error.h"
-#include "rig_solver/ceres_manifolds.h"
 #include "rig_solver/ceres_solving.h"
 
 namespace mgsfm {

@@ -9,7 +9,7 @@
 #include "mgsfm/base/solver.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/view_graph.h"
-#include "translation_averaging/refinement_terms.h"
+#include "translation_averaging/translation_stages.h"
 
 namespace mgsfm {
 

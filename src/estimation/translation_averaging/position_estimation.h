@@ -14,7 +14,7 @@
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/translation_averaging/translation_averaging.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "translation_averaging/refinement_terms.h"
+#include "translation_averaging/translation_stages.h"
 
 namespace mgsfm {
 

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 
+#include "base/ranges.h"
+
 namespace mgsfm {
 
 bool PositionProblem::HasKnownOffset() const {
-  return std::any_of(fixed_translation.begin(), fixed_translation.end(),
-                     [](const Eigen::Vector3d& t) { return !t.isZero(0.0); });
+  return AnyOf(fixed_translation,
+               [](const Eigen::Vector3d& t) { return !t.isZero(0.0); });
 }
 
 Mask PositionProblem::FramesWithRotation() const {

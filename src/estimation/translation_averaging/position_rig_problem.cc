@@ -1,9 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "translation_averaging/position_rig_problem.h"
-
 #include <Eigen/Core>
+#include <cstddef>
+#include <functional>
+#include <vector>
 
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/base/solver.h"
+#include "rig_solver/rig_problem.h"
 #include "rig_solver/rig_solver.h"
+#include "translation_averaging/translation_stages.h"
 
 namespace mgsfm {
 namespace {
@@ -18,7 +24,52 @@ RigSolverOptions SolverOptions(const RefinementOptions& options) {
   return solver_options;
 }
 
-}  // namespace
+// Positions as unknowns of a rig problem (rig_solver/rig_problem.h) with
+// constant rotations. Frames, sensors and images have the indices of the scene.
+// Terms and points are added first, then the gauge is fixed.
+class PositionRigProblem {
+ public:
+  // The arguments must outlive this object.
+  PositionRigProblem(const RefinementInput& input,
+                     const RefinementOptions& options,
+                     const Positions& positions);
+
+  // Adds a term for each usable pair of a kind; `set` sets its values.
+  using SetTerm = std::function<void(size_t pair_idx, BaselineTerm* term)>;
+  void AddTerms(BaselineKind baseline_kind, BaselineTerm::Kind kind,
+                const SetTerm& set);
+  void AddZeroBaselines();
+  // Adds the used observations of the tracks.
+  void AddPoints(const TrackRays& rays, const std::vector<size_t>& track_idxs,
+                 const TrackPoints& points);
+  // Fixes the first frame and the unobservable directions of sensors.
+  void HoldGauge();
+  // Fixes the component of the longest unknown along its initial value. A
+  // change of scale can satisfy this exactly, so it does not affect the shape.
+  void HoldScale();
+
+  SolveSummary Solve(const Context& context);
+  // Solves once for each scale of the annealed loss.
+  SolveSummary SolveAnnealed(const Context& context);
+
+  void WriteBack(Positions* positions) const;
+  void WriteBack(const std::vector<size_t>& track_idxs,
+                 TrackPoints* points) const;
+
+ private:
+  void MarkAsSeen(int image_idx) {
+    frame_is_seen_[input_.problem.frame_idx[image_idx]] = true;
+    sensor_is_seen_[input_.problem.sensor_idx[image_idx]] = true;
+  }
+
+  const RefinementInput& input_;
+  const RefinementOptions& options_;
+  const Positions& initial_;
+  Mask frame_is_seen_;
+  Mask sensor_is_seen_;
+  RigProblem<RayObservation> problem_;
+  RigState state_;
+};
 
 PositionRigProblem::PositionRigProblem(const RefinementInput& input,
                                        const RefinementOptions& options,
@@ -165,8 +216,6 @@ void PositionRigProblem::WriteBack(const std::vector<size_t>& track_idxs,
     points->point_in_world[track_idxs[k]] = state_.points[k];
   }
 }
-
-namespace {
 
 void AddDirections(const RefinementInput& input, double weight,
                    PositionRigProblem* angles) {

@@ -123,8 +123,7 @@ Unknowns FindUnknowns(const Scene& scene, bool include_priors) {
   unknowns.information[0] = 0.0;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     const Camera& camera = scene.cameras[i];
-    const CameraModelInfo& info =
-        *FindCameraModel(static_cast<int32_t>(camera.model));
+    const CameraModelInfo& info = InfoOf(camera.model);
     if ((camera.has_prior_focal_length && !include_priors) ||
         info.focal_length_idxs.empty()) {
       continue;
@@ -497,8 +496,7 @@ FocalLengthResult MakeResult(const Scene& scene,
     const auto i = static_cast<Eigen::Index>(c);
     const int camera_idx = unknowns.camera_idxs[c];
     const Camera& camera = scene.cameras[camera_idx];
-    const CameraModelInfo& info =
-        *FindCameraModel(static_cast<int32_t>(camera.model));
+    const CameraModelInfo& info = InfoOf(camera.model);
     FocalLengthEstimate& estimate = result.estimates.emplace_back();
     estimate.camera_idx = camera_idx;
     estimate.prior_px = camera.params[info.focal_length_idxs.front()];

@@ -67,8 +67,7 @@ double CostOf(const std::vector<double>& residuals) {
 
 Camera WithLens(const Camera& camera, const LensOffset& lens) {
   Camera changed = WithFocalFactor(camera, lens[0]);
-  const std::vector<int>& center =
-      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  const std::vector<int>& center = InfoOf(camera.model).principal_point_idxs;
   for (size_t i = 0; i < center.size(); ++i) {
     changed.params[center[i]] += lens[2 + static_cast<Eigen::Index>(i)] *
                                  std::max(camera.width_px, camera.height_px);
@@ -82,8 +81,7 @@ Camera WithLens(const Camera& camera, const LensOffset& lens) {
 
 Camera WithFocalFactor(const Camera& camera, double s) {
   Camera scaled = camera;
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   for (const int idx : info.focal_length_idxs) {
     scaled.params[idx] *= std::exp(s);
   }
@@ -120,8 +118,7 @@ FocalPair::Patches FocalPair::MakePatches(const Camera& camera,
                                           const std::vector<Vector2d>& pixels) {
   Patches patches(pixels.size());
   for (size_t i = 0; i < pixels.size(); ++i) {
-    const auto ray =
-        RayFromPixel(camera.model, camera.params.data(), pixels[i]);
+    const auto ray = RayFromPixel(camera, pixels[i]);
     if (!ray) continue;
     Eigen::Matrix<double, 2, 3> J;
     if (!ProjectToPixel(camera.model, camera.params.data(), *ray, &J)) continue;
@@ -137,8 +134,7 @@ FocalPair::Patches FocalPair::MoveRays(const Camera& camera,
                                        double focal_factor, Patches patches) {
   for (size_t i = 0; i < patches.size(); ++i) {
     if (!patches[i]) continue;
-    const auto ray =
-        RayFromPixel(camera.model, camera.params.data(), pixels[i]);
+    const auto ray = RayFromPixel(camera, pixels[i]);
     if (!ray) continue;
     patches[i]->ray = *ray;
     patches[i]->by_pixel /= focal_factor;
@@ -211,8 +207,7 @@ bool FocalPair::Initialize(Random* random) {
   const Camera& camera = camera1();
   // COLMAP's default for two-view geometries; wide, because focal lengths are
   // wrong.
-  ransac.max_error_rad =
-      4.0 / PixelsPerRadian(camera.model, camera.params.data());
+  ransac.max_error_rad = 4.0 / PixelsPerRadian(camera);
   // A sample of five inliers at an inlier ratio of 0.5 is found with
   // probability 1 - (1 - 0.5^5)^200 = 0.998.
   ransac.max_num_trials = 200;

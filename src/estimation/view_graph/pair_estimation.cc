@@ -49,8 +49,7 @@ PoseRefinementOptions FirstRefinement(double max_error_rad) {
 
 // The pinhole camera at the center of a lens.
 Eigen::Matrix3d CentralMatrix(const Camera& camera) {
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
   for (int k = 0; k < 2; ++k) {
     const std::vector<int>& focal = info.focal_length_idxs;
@@ -151,9 +150,8 @@ class PairEstimator {
         options_(options),
         camera1_(scene.cameras[scene.images[pair.image_idx1].camera_idx]),
         camera2_(scene.cameras[scene.images[pair.image_idx2].camera_idx]),
-        radians_per_pixel_(
-            0.5 / PixelsPerRadian(camera1_.model, camera1_.params.data()) +
-            0.5 / PixelsPerRadian(camera2_.model, camera2_.params.data())),
+        radians_per_pixel_(0.5 / PixelsPerRadian(camera1_) +
+                           0.5 / PixelsPerRadian(camera2_)),
         max_error_(options.max_error_px * radians_per_pixel_),
         matched_(GatherRays(pair, bearings)) {}
 

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "view_graph/planar_twins.h"
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -13,6 +11,7 @@
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/triangles.h"
+#include "view_graph/pair_estimation.h"
 
 namespace mgsfm::internal {
 namespace {

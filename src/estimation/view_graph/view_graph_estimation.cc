@@ -6,7 +6,6 @@
 
 #include "base/parallel.h"
 #include "view_graph/pair_estimation.h"
-#include "view_graph/planar_twins.h"
 
 namespace mgsfm {
 namespace {

@@ -335,15 +335,13 @@ SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
   return Refine(cameras, loss_scale, kConverged, unit_from_world);
 }
 
-Eigen::Matrix<double, 6, 6> AbsolutePoseCovariance(
-    const std::vector<CameraPoints>& cameras, double loss_scale,
-    const Rigid3& unit_from_world) {
-  Eigen::Matrix<double, 6, 6> hessian =
-      Linearize(cameras, loss_scale, unit_from_world).hessian;
+PoseMatrix AbsolutePoseCovariance(const std::vector<CameraPoints>& cameras,
+                                  double loss_scale,
+                                  const Rigid3& unit_from_world) {
+  PoseMatrix hessian = Linearize(cameras, loss_scale, unit_from_world).hessian;
   hessian.diagonal().array() +=
       std::numeric_limits<double>::epsilon() * hessian.diagonal().maxCoeff();
-  return loss_scale * loss_scale *
-         hessian.ldlt().solve(Eigen::Matrix<double, 6, 6>::Identity());
+  return loss_scale * loss_scale * hessian.ldlt().solve(PoseMatrix::Identity());
 }
 
 SolveSummary ImproveAbsolutePose(const std::vector<CameraPoints>& cameras,

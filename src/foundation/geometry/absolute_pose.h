@@ -69,9 +69,9 @@ SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
 
 // Covariance of this step for rays whose errors have standard deviation
 // loss_scale.
-Eigen::Matrix<double, 6, 6> AbsolutePoseCovariance(
-    const std::vector<CameraPoints>& cameras, double loss_scale,
-    const Rigid3& unit_from_world);
+PoseMatrix AbsolutePoseCovariance(const std::vector<CameraPoints>& cameras,
+                                  double loss_scale,
+                                  const Rigid3& unit_from_world);
 
 // The same with few iterations, as the start of another refinement.
 SolveSummary ImproveAbsolutePose(const std::vector<CameraPoints>& cameras,

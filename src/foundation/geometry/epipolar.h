@@ -162,9 +162,9 @@ double DirectionSigmaRad(const RayMatches& matches,
 // Covariance of the rotation vector of Exp(w) R and of the direction t, for
 // residuals with the standard deviation loss_scale_rad. Unconstrained
 // coordinates have a standard deviation of one radian.
-Eigen::Matrix<double, 6, 6> RelativePoseCovariance(
-    const RayMatches& matches, const PoseRefinementOptions& options,
-    const Rigid3& cam2_from_cam1);
+PoseMatrix RelativePoseCovariance(const RayMatches& matches,
+                                  const PoseRefinementOptions& options,
+                                  const Rigid3& cam2_from_cam1);
 
 // Robust Wahba problem, r = |R f1 - f2| / sqrt(2), by iteratively reweighted
 // Gauss-Newton. kFailure for fewer than 2 matches.

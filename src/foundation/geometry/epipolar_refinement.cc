@@ -207,9 +207,9 @@ double DirectionSigmaRad(const RayMatches& matches,
                      : std::numeric_limits<double>::infinity();
 }
 
-Eigen::Matrix<double, 6, 6> RelativePoseCovariance(
-    const RayMatches& matches, const PoseRefinementOptions& options,
-    const Rigid3& cam2_from_cam1) {
+PoseMatrix RelativePoseCovariance(const RayMatches& matches,
+                                  const PoseRefinementOptions& options,
+                                  const Rigid3& cam2_from_cam1) {
   Matrix5d information =
       LinearizePose(matches, cam2_from_cam1, options).hessian /
       (options.loss_scale_rad * options.loss_scale_rad);

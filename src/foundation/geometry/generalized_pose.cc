@@ -11,12 +11,10 @@
 namespace mgsfm {
 namespace {
 
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-
 // The size of a minimal sample: each match constrains one of six unknowns. Five
 // determine the pose up to the baseline length, the sixth determines the
 // length.
-constexpr int kSampleSize = Vector6d::RowsAtCompileTime;
+constexpr int kSampleSize = PoseVector::RowsAtCompileTime;
 
 Rigid3 CameraMotion(const UnitMatches& pair, const Rigid3& unit2_from_unit1) {
   return pair.cam2_from_unit2 * unit2_from_unit1 *
@@ -75,7 +73,7 @@ struct PoseLine {
 // the pose update of the unit. t of the camera pair may have any length.
 double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
                     const Rigid3& cam2_from_cam1, size_t match,
-                    Vector6d* gradient) {
+                    PoseVector* gradient) {
   const Eigen::Vector3d& t = cam2_from_cam1.translation;
   const Eigen::Vector3d& f = pair.rays.rays2[match];
   const Eigen::Vector3d a = cam2_from_cam1.rotation * pair.rays.rays1[match];
@@ -112,7 +110,7 @@ double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
 PoseEquations Linearize(const std::vector<UnitMatches>& pairs,
                         const Rigid3& unit2_from_unit1) {
   PoseEquations equations;
-  Vector6d gradient;
+  PoseVector gradient;
   for (const UnitMatches& pair : pairs) {
     const Rigid3 motion = CameraMotion(pair, unit2_from_unit1);
     if (!HasBaseline(pair, unit2_from_unit1, motion)) continue;

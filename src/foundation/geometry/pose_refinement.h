@@ -12,8 +12,8 @@ namespace mgsfm {
 
 // Normal equations over the update R <- Exp(delta[0:3]) R, t <- t + delta[3:6].
 struct PoseEquations {
-  Eigen::Matrix<double, 6, 6> hessian = Eigen::Matrix<double, 6, 6>::Zero();
-  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
+  PoseMatrix hessian = PoseMatrix::Zero();
+  PoseVector gradient = PoseVector::Zero();
   double cost = 0.0;
 };
 
@@ -41,15 +41,12 @@ SolveSummary MinimizeOverPose(const PoseStepOptions& options,
   double damping = 1e-4;
   while (summary.num_iterations < options.max_num_iterations) {
     ++summary.num_iterations;
-    Eigen::Matrix<double, 6, 6> damped = equations.hessian;
+    PoseMatrix damped = equations.hessian;
     damped.diagonal() *= 1.0 + damping;
     damped.diagonal().array() +=
         options.ridge * damped.diagonal().maxCoeff() + 1e-300;
-    const Eigen::Matrix<double, 6, 1> step =
-        -damped.ldlt().solve(equations.gradient);
-    const Rigid3 candidate{
-        (ExpSO3(step.head<3>()) * pose->rotation).normalized(),
-        pose->translation + step.tail<3>()};
+    const PoseVector step = -damped.ldlt().solve(equations.gradient);
+    const Rigid3 candidate = Updated(*pose, step);
     const PoseEquations next = linearize(candidate);
     const double decrease = equations.cost - next.cost;
     if (!(decrease >= 0.0)) {

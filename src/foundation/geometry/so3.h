@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+#include "mgsfm/geometry/rigid3.h"
+
 namespace mgsfm {
 
 // Rotations are unit quaternions. Tangent vectors are angle-axis vectors in
@@ -41,5 +43,19 @@ double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b);
 constexpr double kPi = EIGEN_PI;
 constexpr double DegToRad(double deg) { return deg * (kPi / 180.0); }
 constexpr double RadToDeg(double rad) { return rad * (180.0 / kPi); }
+
+// The pose after the update R <- Exp(delta[0:3]) R, t <- t + delta[3:6].
+inline Rigid3 Updated(const Rigid3& pose, const PoseVector& delta) {
+  return {(ExpSO3(delta.head<3>()) * pose.rotation).normalized(),
+          pose.translation + delta.tail<3>()};
+}
+
+// The update that leads from one pose to another.
+inline PoseVector UpdateBetween(const Rigid3& from, const Rigid3& to) {
+  PoseVector delta;
+  delta << LogSO3(to.rotation * from.rotation.conjugate()),
+      to.translation - from.translation;
+  return delta;
+}
 
 }  // namespace mgsfm

@@ -14,9 +14,8 @@ ObservationGroups GroupTracks(const std::vector<Point3D>& points) {
   groups.observations.reserve(NumObservations(points));
   groups.offsets.reserve(points.size() + 1);
   for (const Point3D& point : points) {
-    groups.observations.insert(groups.observations.end(), point.track.begin(),
-                               point.track.end());
-    groups.FinishGroup();
+    groups.AddGroup(point.track.data(),
+                    point.track.data() + point.track.size());
   }
   return groups;
 }

@@ -25,6 +25,12 @@ ObservationGroups GroupTracks(const std::vector<Point3D>& points);
 std::optional<double> MeanReprojectionErrorPx(
     const Reconstruction& reconstruction);
 
+// Whether one sensor took both images of a pair.
+inline bool IsOfOneSensor(const Scene& scene, const ImagePair& pair) {
+  return scene.images[pair.image_idx1].sensor_idx ==
+         scene.images[pair.image_idx2].sensor_idx;
+}
+
 // Calls function(match, ray1, ray2) for the matches of a pair whose keypoints
 // both have a ray.
 template <typename Function>

@@ -34,4 +34,13 @@ void TrackCoverage::Select(size_t min_length, int num_per_image) {
   }
 }
 
+ObservationGroups TrackCoverage::Selected() const {
+  ObservationGroups selected;
+  for (size_t track = 0; track < tracks_.size(); ++track) {
+    if (!is_selected_[track]) continue;
+    selected.AddGroup(tracks_.begin(track), tracks_.end(track));
+  }
+  return selected;
+}
+
 }  // namespace mgsfm

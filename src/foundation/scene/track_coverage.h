@@ -21,6 +21,8 @@ class TrackCoverage {
   void Select(size_t min_length, int num_per_image);
 
   const Mask& is_selected() const { return is_selected_; }
+  // The selected tracks, in their order.
+  ObservationGroups Selected() const;
   size_t num_observations() const { return num_observations_; }
 
  private:

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "base/ranges.h"
-#include "pair_filtering/pair_verdicts.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mapper/incremental_mapper.h"
-
 #include <optional>
 #include <string>
 #include <utility>

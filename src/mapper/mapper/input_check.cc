@@ -10,9 +10,8 @@
 
 #include "base/format.h"
 #include "base/ranges.h"
+#include "input_check/camera_checks.h"
 #include "input_check/camera_motions.h"
-#include "input_check/focal_lengths.h"
-#include "input_check/image_sizes.h"
 #include "input_check/kept_matches.h"
 #include "input_check/rig_checks.h"
 #include "input_check/rig_samples.h"
@@ -22,6 +21,7 @@
 #include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -42,6 +42,13 @@ void Append(std::vector<Finding> from, std::vector<Finding>* to) {
 
 std::string CountOf(size_t count, size_t total, const char* what) {
   return std::to_string(count) + " of " + std::to_string(total) + " " + what;
+}
+
+Finding MakeFinding(Cause cause,
+                    std::vector<std::pair<std::string, double>> evidence,
+                    std::string text, std::string remedy) {
+  return {
+      cause, {}, {}, std::move(evidence), std::move(text), std::move(remedy)};
 }
 
 // Several cameras in separate rigs: no frame has images of two of them.
@@ -115,15 +122,13 @@ std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
                                          const MapperResult& result) {
   std::vector<Finding> findings;
   if (priors.num_null_fixes > 0) {
-    findings.push_back(
-        {Cause::kOutlierPositionPriors,
-         {},
-         {},
-         {{"num_null_fixes", static_cast<double>(priors.num_null_fixes)}},
-         std::to_string(priors.num_null_fixes) +
-             " positions are latitude 0, longitude 0, which receivers write "
-             "without a fix; they are ignored",
-         "remove them, or give the correct positions"});
+    findings.push_back(MakeFinding(
+        Cause::kOutlierPositionPriors,
+        {{"num_null_fixes", static_cast<double>(priors.num_null_fixes)}},
+        std::to_string(priors.num_null_fixes) +
+            " positions are latitude 0, longitude 0, which receivers write "
+            "without a fix; they are ignored",
+        "remove them, or give the correct positions"));
   }
   for (const MapperModel& model : result.models) {
     if (!model.position_priors) continue;
@@ -133,23 +138,18 @@ std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
         {"num_outliers", static_cast<double>(summary.outliers.size())}};
     const auto num_outliers = static_cast<double>(summary.outliers.size());
     if (!summary.is_registered) {
-      findings.push_back({Cause::kRejectedPositionPriors,
-                          {},
-                          {},
-                          evidence,
-                          summary.message,
-                          "check the unit, the coordinate system and the "
-                          "assignment of positions to images"});
+      findings.push_back(
+          MakeFinding(Cause::kRejectedPositionPriors, evidence, summary.message,
+                      "check the unit, the coordinate system and the "
+                      "assignment of positions to images"));
     } else if (summary.num_priors >= kMinNumPriors &&
                num_outliers > kMaxOutlierShare * summary.num_priors) {
-      findings.push_back({Cause::kOutlierPositionPriors,
-                          {},
-                          {},
-                          evidence,
-                          CountOf(summary.outliers.size(),
-                                  static_cast<size_t>(summary.num_priors),
-                                  "positions contradict the model"),
-                          "check the positions and their standard deviations"});
+      findings.push_back(
+          MakeFinding(Cause::kOutlierPositionPriors, evidence,
+                      CountOf(summary.outliers.size(),
+                              static_cast<size_t>(summary.num_priors),
+                              "positions contradict the model"),
+                      "check the positions and their standard deviations"));
     }
   }
   return findings;
@@ -195,10 +195,7 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
                                        const MapperResult& result,
                                        double known_rig_sigma) {
   for (const MapperModel& model : result.models) {
-    if (!model.position_priors || !model.position_priors->is_registered ||
-        !model.translation.is_metric) {
-      continue;
-    }
+    if (!model.IsAtPositions() || !model.translation.is_metric) continue;
     const std::vector<double> scales =
         LogScales(scene, priors, model.reconstruction);
     if (scales.size() < static_cast<size_t>(kMinNumPriors)) continue;
@@ -211,26 +208,22 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
         std::hypot(RobustSigma<1>(std::move(deviations)), known_rig_sigma);
     if (std::abs(center) <= kRareErrorInSigmas * sigma) continue;
     const std::string number = Formatted("%.3g", std::exp(center));
-    return {{Cause::kPositionUnit,
-             {},
-             {},
-             {{"scale", std::exp(center)}, {"relative_sigma", sigma}},
-             "the unit of length according to the measured positions is " +
-                 std::string(number) + " times the unit of the known rig",
-             UnitRemedy(std::exp(center))}};
+    return {MakeFinding(
+        Cause::kPositionUnit,
+        {{"scale", std::exp(center)}, {"relative_sigma", sigma}},
+        "the unit of length according to the measured positions is " +
+            std::string(number) + " times the unit of the known rig",
+        UnitRemedy(std::exp(center)))};
   }
   return {};
 }
 
 std::vector<Finding> CheckGravityPriors(const MapperResult& result) {
   if (result.gravity_rejection) {
-    return {{Cause::kRejectedGravityPriors,
-             {},
-             {},
-             {},
-             *result.gravity_rejection,
-             "check the axes of the directions: x right, y down, z forward in "
-             "the camera frame"}};
+    return {MakeFinding(
+        Cause::kRejectedGravityPriors, {}, *result.gravity_rejection,
+        "check the axes of the directions: x right, y down, z forward in "
+        "the camera frame")};
   }
   for (const MapperModel& model : result.models) {
     if (!model.gravity || model.gravity->num_priors < kMinNumPriors) continue;
@@ -239,14 +232,12 @@ std::vector<Finding> CheckGravityPriors(const MapperResult& result) {
     if (static_cast<double>(num_outliers) <= kMaxOutlierShare * num_priors) {
       continue;
     }
-    return {{Cause::kOutlierGravityPriors,
-             {},
-             {},
-             {{"num_priors", num_priors},
-              {"num_outliers", static_cast<double>(num_outliers)}},
-             CountOf(num_outliers, static_cast<size_t>(num_priors),
-                     "directions of gravity contradict the model"),
-             "check their axes and their assignment to images"}};
+    return {MakeFinding(Cause::kOutlierGravityPriors,
+                        {{"num_priors", num_priors},
+                         {"num_outliers", static_cast<double>(num_outliers)}},
+                        CountOf(num_outliers, static_cast<size_t>(num_priors),
+                                "directions of gravity contradict the model"),
+                        "check their axes and their assignment to images")};
   }
   return {};
 }
@@ -279,10 +270,7 @@ std::vector<KeptCount> CountKeptBetweenSensors(
   if (models.empty()) return {};
   ViewGraph between;
   for (const ImagePair& pair : verified.pairs) {
-    if (scene.images[pair.image_idx1].sensor_idx !=
-        scene.images[pair.image_idx2].sensor_idx) {
-      between.pairs.push_back(pair);
-    }
+    if (!IsOfOneSensor(scene, pair)) between.pairs.push_back(pair);
   }
   return CountKeptMatches(scene, between, models.front().reconstruction,
                           max_error_px, context)

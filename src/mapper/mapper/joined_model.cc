@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "base/ranges.h"
-#include "bundle_adjustment/selected_tracks.h"
+#include "bundle_adjustment/solve.h"
 #include "mapper/components.h"
 #include "mapper/input_check.h"
 #include "mapper/model_adjustment.h"

@@ -22,7 +22,7 @@ struct JoinedModel {
   const Reconstruction* parts = nullptr;
   bool is_refined = true;  // by bundle adjustment
   // Bundle adjustment selects tracks with at most that many observations
-  // (bundle_adjustment/selected_tracks.h).
+  // (bundle_adjustment/solve.h).
   std::optional<size_t> max_num_observations = {};
 };
 

@@ -1,23 +1,28 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/mapper/mapper.h"
 
+#include <algorithm>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "base/ranges.h"
-#include "georegistration/metric_scale.h"
+#include "georegistration/world_frame.h"
 #include "input_check/known_rigs.h"
+#include "lenses/lens_calibration.h"
 #include "mapper/components.h"
 #include "mapper/input_check.h"
 #include "mapper/mapper_recipe.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
 #include "mapper/stage.h"
-#include "mapper/unknown_lenses.h"
 #include "mapper/verified_pairs.h"
 #include "mapper/weak_seams.h"
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
+#include "mgsfm/bundle_adjustment/bundle_adjustment.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
 #include "moving_objects/moving_objects.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "registration/frame_addition.h"
@@ -240,8 +245,16 @@ MapperResult MapOnce(const PairStep& map_pairs, const Run& run) {
   return result;
 }
 
-// Expected motions that the joint model refutes reject no pairs.
-MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
+// Uses priors unless it calibrates lenses. Expected motions that the joint
+// model refutes reject no pairs.
+MapperResult MapScene(const PairStep& map_pairs, const Run& requested) {
+  const MapperInput no_priors;
+  const Run run{requested.options.is_for_lenses ? no_priors : requested.input,
+                requested.scene,
+                requested.matches,
+                requested.lenses,
+                requested.options,
+                requested.context};
   MapperResult result = MapOnce(map_pairs, run);
   if (result.models.empty() || !result.models.front().refutes_motion) {
     return result;
@@ -261,6 +274,90 @@ MapperResult MapScene(const PairStep& map_pairs, const Run& run) {
   }
   without.times.insert(without.times.begin(), times.begin(), times.end());
   return without;
+}
+
+// Lenses need only be accurate to the tolerance of the view graph.
+constexpr int kNumBundleRounds = 2;
+constexpr double kFunctionTolerance = 1e-5;
+
+MapperOptions OptionsOfRounds(MapperOptions options) {
+  options.is_for_lenses = true;
+  options.pair_filtering.use_motion_continuity = false;
+  options.bundle_adjustment.num_rounds =
+      std::min<int>(options.bundle_adjustment.num_rounds, kNumBundleRounds);
+  options.bundle_adjustment.function_tolerance = std::max<double>(
+      options.bundle_adjustment.function_tolerance, kFunctionTolerance);
+  return options;
+}
+
+std::optional<LensModel> FirstModel(MapperResult mapped) {
+  if (mapped.models.empty()) return std::nullopt;
+  return LensModel{std::move(mapped.models[0].reconstruction),
+                   std::move(mapped.models[0].focal_lengths)};
+}
+
+// Maps the scene. First estimates the lenses without calibration, if there are
+// any, from pairs and then by maps of a part of the scene
+// (lenses/lens_calibration.h).
+MapperResult MapWithLenses(const PairStep& map_pairs, const MapperInput& input,
+                           const MapperOptions& options,
+                           const Context& context) {
+  if (!NeedsLenses(input.scene, options.focal_lengths)) {
+    return MapScene(
+        map_pairs,
+        {input, input.scene, input.view_graph, {}, options, context});
+  }
+  Scene scene = input.scene;
+  scene.cameras = WithoutExif(std::move(scene.cameras));
+  std::vector<StageTime> times;
+  const RunningStage pair_stage("focal lengths", context);
+  FocalLengthResult focal_lengths = CalibrateFocalLengths(
+      scene, input.view_graph, options.focal_lengths, pair_stage.context());
+  pair_stage.Finish(&times);
+  LogFocalLengths(scene, focal_lengths, context);
+  const std::vector<Camera> start =
+      StartOfLenses(input.scene.cameras, focal_lengths);
+  const auto uncalibrated = DropUncalibratedGeometry(scene, input.view_graph);
+  const auto map = [&](const Lenses& lenses, const ViewGraph& matches,
+                       const MapperOptions& of_round,
+                       const Context& context_of_round) {
+    scene.cameras = lenses.cameras;
+    return MapScene(map_pairs, {input, scene, matches, lenses.prior, of_round,
+                                context_of_round});
+  };
+  const LensOptions lens_options{options.focal_lengths,
+                                 options.bundle_adjustment,
+                                 options.view_graph.max_error_px};
+  LensResult lenses{{start}, {}};
+  if (!input.existing_model) {
+    const RunningStage lens_stage("lenses", context);
+    const MapperOptions of_rounds = OptionsOfRounds(options);
+    Context quiet = lens_stage.context();
+    quiet.log = nullptr;
+    const LensMapper map_round = [&](const Lenses& of_round,
+                                     const ViewGraph& matches) {
+      return FirstModel(map(of_round, matches, of_rounds, quiet));
+    };
+    lenses = CalibrateLenses({scene, input.scene.cameras, start, uncalibrated},
+                             map_round, lens_options, lens_stage.context());
+    lens_stage.Finish(&times);
+  }
+  MapperResult result = map(lenses.lenses, uncalibrated, options, context);
+  if (!result.models.empty() &&
+      UpdateLenses(result.models[0].reconstruction,
+                   result.models[0].focal_lengths, lens_options, &lenses)) {
+    context.Info("the lenses changed; the scene is mapped again with them");
+    result = map(lenses.lenses, uncalibrated, options, context);
+  }
+  for (MapperModel& model : result.models) {
+    StateInitialFocalLengths(input.scene, &model.focal_lengths);
+  }
+  result.focal_lengths = std::move(focal_lengths.estimates);
+  if (!lenses.summary.lenses.empty()) {
+    result.lenses = std::move(lenses.summary);
+  }
+  result.times.insert(result.times.begin(), times.begin(), times.end());
+  return result;
 }
 
 }  // namespace
@@ -285,16 +382,7 @@ MapperResult RunMapperBy(const PairStep& map_pairs, const MapperInput& input,
                          const MapperOptions& options, const Context& context) {
   (void)ParseMetricScale(options.metric_scale, input.scene);  // may throw
   CheckTimes(input.scene, options.soft_rig.method);
-  const MapperInput no_priors;
-  const SceneMapper map = [&](const Scene& scene, const ViewGraph& matches,
-                              const CalibrationPrior& lenses,
-                              const MapperOptions& of_round,
-                              const Context& context_of_round) {
-    return MapScene(map_pairs,
-                    {of_round.is_for_lenses ? no_priors : input, scene, matches,
-                     lenses, of_round, context_of_round});
-  };
-  MapperResult result = MapWithLenses(input, map, options, context);
+  MapperResult result = MapWithLenses(map_pairs, input, options, context);
   AddUncertainFocalLengths(
       input.scene, options.bundle_adjustment.max_focal_length_sigma, &result);
   LogFindings(result, context);

@@ -16,11 +16,10 @@
 #include "bundle_adjustment/residual_field.h"
 #include "geometry/decompositions.h"
 #include "geometry/so3.h"
-#include "georegistration/gravity_leveling.h"
-#include "georegistration/metric_scale.h"
 #include "georegistration/pose_graph_deformation.h"
 #include "georegistration/position_offsets.h"
 #include "georegistration/position_registration.h"
+#include "georegistration/world_frame.h"
 #include "input_check/rig_samples.h"
 #include "mapper/stage.h"
 #include "mgsfm/base/error.h"
@@ -183,8 +182,7 @@ void WarnIfUpsideDown(const GravityPriors& gravity, const Context& context) {
 // Moves the model to its final world frame.
 void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
                   const Context& context, MapperModel* model) {
-  const bool is_registered =
-      model->position_priors && model->position_priors->is_registered;
+  const bool is_registered = model->IsAtPositions();
   const bool is_at_start = input.start != nullptr && !is_registered;
   if (is_at_start && input.held.frames.empty()) {
     TransformWorld(AlignToModel(input.scene, *input.start,
@@ -525,11 +523,9 @@ void PassOn(const MapperModel& model, const PositionPriors& positions,
             const MapperOptions& options, const Context& context,
             SharedCalibration* calibration) {
   if (!model.rig_differences.empty()) return;
-  const bool is_registered =
-      model.position_priors && model.position_priors->is_registered;
   calibration->Learn(model.reconstruction,
-                     is_registered ? positions : PositionPriors(), model.delays,
-                     options.bundle_adjustment, context);
+                     model.IsAtPositions() ? positions : PositionPriors(),
+                     model.delays, options.bundle_adjustment, context);
 }
 
 Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,

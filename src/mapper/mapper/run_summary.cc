@@ -10,7 +10,7 @@
 #include "base/ranges.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "geometry/so3.h"
-#include "input_check/rest.h"
+#include "input_check/kept_matches.h"
 #include "mgsfm/base/mask.h"
 #include "scene/observations.h"
 #include "scene/value_check.h"
@@ -28,9 +28,9 @@ std::string Count(size_t count, const char* one, const char* many) {
 // How precisely the known lengths of the rig determine the unit. The additional
 // information of positions is ignored.
 std::string MetricWithin(const MapperModel& model) {
-  const bool has_positions =
-      model.position_priors && model.position_priors->is_registered;
-  if (has_positions || !model.delays || !model.delays->unit) return "metric";
+  if (model.IsAtPositions() || !model.delays || !model.delays->unit) {
+    return "metric";
+  }
   const UnitError& unit = *model.delays->unit;
   std::string text = Formatted("metric within %.2g %%",
                                100.0 * std::expm1(unit.RelativeSigma()));
@@ -48,7 +48,7 @@ std::string UnitOfLength(const Scene& scene, const MapperResult& result,
     return (WhyRigsAreNotMetric(scene) ? "no meter" : MetricWithin(model)) +
            ", that of the known rig";
   }
-  if (model.position_priors && model.position_priors->is_registered) {
+  if (model.IsAtPositions()) {
     return "metric, that of the measured positions";
   }
   if (model.meters_per_unit) {
@@ -77,8 +77,7 @@ LensValue LensOf(const Scene& scene, const MapperResult& result,
   const Camera& before = scene.cameras[camera_idx];
   const Camera& camera = model.reconstruction.cameras[camera_idx];
   const auto focal_length = [](const Camera& c) {
-    const auto& idxs =
-        FindCameraModel(static_cast<int32_t>(c.model))->focal_length_idxs;
+    const auto& idxs = InfoOf(c.model).focal_length_idxs;
     return idxs.empty() ? 0.0 : c.params[idxs.front()];
   };
   LensValue lens;

@@ -61,7 +61,7 @@ struct ModelSummary {
   size_t num_observations = 0;
   std::optional<double> mean_reprojection_error_px;
   std::optional<double> kept_share;  // of the verified matches, if counted
-  double share_at_rest = 0.0;        // see input_check/rest.h
+  double share_at_rest = 0.0;        // see input_check/kept_matches.h
   std::string unit_of_length;        // in words
   int num_calibrated_sensors = 0;    // other than reference and known ones
   std::vector<LensValue> lenses;     // of the cameras with registered images

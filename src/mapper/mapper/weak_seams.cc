@@ -189,13 +189,11 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options) {
   if (options.weak_seams == WeakSeams::kSplit) return model.confidence.seams;
-  const bool has_world =
-      model.position_priors && model.position_priors->is_registered;
   std::vector<Seam> unconnected, wrong;
   for (const Seam& seam : model.confidence.seams) {
     const bool is_unconnected =
         (!seam.sigma_position || seam.reason == SeamReason::kOnePlace) &&
-        !has_world;
+        !model.IsAtPositions();
     if (is_unconnected) unconnected.push_back(seam);
     if (is_unconnected || seam.reason == SeamReason::kJump) {
       wrong.push_back(seam);

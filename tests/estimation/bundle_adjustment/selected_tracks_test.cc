@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "bundle_adjustment/selected_tracks.h"
-
 #include <gtest/gtest.h>
 
+#include "bundle_adjustment/solve.h"
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
 #include "scene/observations.h"
 #include "support/model_comparison.h"

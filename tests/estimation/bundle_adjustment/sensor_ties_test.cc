@@ -3,7 +3,7 @@
 
 #include <set>
 
-#include "bundle_adjustment/gauge.h"
+#include "bundle_adjustment/problem_builder.h"
 #include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A model that drifts around a circle is closed.
-#include "incremental/loop_closure.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
 #include "geometry/so3.h"
+#include "incremental/growth_steps.h"
 #include "mgsfm/simulator/simulation.h"
 #include "scene/observations.h"
 #include "support/model_comparison.h"

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "input_check/focal_lengths.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "estimation/input_check/sound_drive.h"
+#include "input_check/camera_checks.h"
 
 namespace mgsfm {
 namespace {

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "input_check/image_sizes.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "estimation/input_check/sound_drive.h"
+#include "input_check/camera_checks.h"
 
 namespace mgsfm {
 namespace {

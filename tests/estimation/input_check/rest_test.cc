@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "input_check/rest.h"
-
 #include <gtest/gtest.h>
 
 #include <map>
@@ -8,6 +6,7 @@
 #include <vector>
 
 #include "estimation/input_check/sound_drive.h"
+#include "input_check/kept_matches.h"
 
 namespace mgsfm {
 namespace {

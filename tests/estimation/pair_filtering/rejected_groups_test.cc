@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "pair_filtering/pair_verdicts.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pair_filtering/temporal_order.h"
 
 #include <gtest/gtest.h>
 

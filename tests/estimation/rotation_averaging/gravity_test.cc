@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "rotation_averaging/gravity.h"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/QR>
@@ -9,11 +7,12 @@
 
 #include "base/random.h"
 #include "geometry/so3.h"
-#include "georegistration/gravity_leveling.h"
+#include "georegistration/world_frame.h"
 #include "math/random_vector.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/rotation_averaging/rotation_averaging.h"
 #include "mgsfm/simulator/simulation.h"
+#include "rotation_averaging/rotation_solver.h"
 #include "support/prior_measurement.h"
 
 namespace mgsfm {

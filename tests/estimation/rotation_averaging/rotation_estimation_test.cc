@@ -10,7 +10,6 @@
 #include "estimation/rotation_averaging/rotation_test_utils.h"
 #include "geometry/so3.h"
 #include "mgsfm/simulator/simulation.h"
-#include "rotation_averaging/rotation_components.h"
 
 namespace mgsfm {
 namespace {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "mgsfm/simulator/simulation.h"
-#include "pair_filtering/pair_verdicts.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {

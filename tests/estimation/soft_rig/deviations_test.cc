@@ -9,7 +9,6 @@
 #include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/simulator/simulation.h"
-#include "soft_rig/rig_calibration.h"
 
 namespace mgsfm {
 namespace {
@@ -115,7 +114,7 @@ TEST(DeviationsTest, OneStepFindsTheMean) {
   PoseVector shift;
   shift << 0.01, -0.02, 0.03, 0.1, 0.2, -0.3;
   for (PoseVector& value : measured.values) value += shift;
-  const SensorJacobian jacobian = SensorJacobian::Identity();
+  const PoseMatrix jacobian = PoseMatrix::Identity();
   Eigen::VectorXd mask = Eigen::VectorXd::Zero(12);
   mask.tail<6>().setOnes();
   for (const double factor : {0.1, 1.0, 10.0}) {
@@ -162,7 +161,7 @@ TEST(RigCalibrationTest, JacobianIsThatOfExpectedPoses) {
   ASSERT_FALSE(scene.IsReference(sensor_idx));
   Rigid3& sensor = *rig.sensor_from_rig[sensor_idx];
   const Rigid3 expected = *ExpectedPoses(scene, rig)[image_idx];
-  const SensorJacobian jacobian = ExpectedPoseJacobian(scene, rig, image_idx);
+  const PoseMatrix jacobian = ExpectedPoseJacobian(scene, rig, image_idx);
   constexpr double kStep = 1e-6;
   const Rigid3 kept = sensor;
   for (int k = 0; k < 6; ++k) {
@@ -174,7 +173,7 @@ TEST(RigCalibrationTest, JacobianIsThatOfExpectedPoses) {
       sensor.translation[k - 3] += kStep;
     }
     const PoseVector difference =
-        DeviationOf(*ExpectedPoses(scene, rig)[image_idx], expected) / kStep;
+        UpdateBetween(expected, *ExpectedPoses(scene, rig)[image_idx]) / kStep;
     EXPECT_LT((difference - jacobian.col(k)).norm(),
               1e-3 * (1.0 + difference.norm()))
         << k;

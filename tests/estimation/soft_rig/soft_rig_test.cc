@@ -9,7 +9,7 @@
 #include "estimation/bundle_adjustment/bundle_fixtures.h"
 #include "estimation/soft_rig/winding_drive.h"
 #include "mgsfm/evaluation/evaluation.h"
-#include "soft_rig/soft_rig_problem.h"
+#include "soft_rig/deviations.h"
 
 namespace mgsfm {
 namespace {

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "view_graph/planar_twins.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -10,6 +8,7 @@
 
 #include "base/random.h"
 #include "geometry/so3.h"
+#include "view_graph/pair_estimation.h"
 
 namespace mgsfm::internal {
 namespace {

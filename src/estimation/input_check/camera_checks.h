@@ -11,6 +11,11 @@
 
 namespace mgsfm {
 
+// Images whose keypoints do not fit the size of their camera (kWrongImageSize):
+// the largest coordinates of the keypoints of many images are either beyond the
+// size, or the same small fraction of width and height.
+std::vector<Finding> CheckImageSizes(const Scene& scene);
+
 // Focal lengths with a prior that the image pairs contradict
 // (kWrongFocalLength): the log ratio to the measured focal length
 // (mgsfm/view_graph/focal_length_calibration.h) is an error that occurs in 1 of
