@@ -5,10 +5,10 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "base/option_range.h"
 #include "base/ranges.h"
 #include "base/text_lines.h"
 #include "base/text_streams.h"
+#include "base/text_tools.h"
 #include "mgsfm/base/version.h"
 
 namespace mgsfm {
@@ -98,17 +98,12 @@ std::optional<std::string> LoadLine(const std::string& line,
 
 // Describes the valid values, e.g. "int in [2, inf)" or "a|b".
 std::string DescribeType(const OptionEntry& entry) {
-  std::string text;
-  if (!entry.choices.empty()) {
-    for (const std::string& choice : entry.choices) {
-      text += (text.empty() ? "" : "|") + choice;
-    }
-    return text;
-  }
+  if (!entry.choices.empty()) return Joined(entry.choices, "|");
   if (std::holds_alternative<std::string>(entry.default_value)) return "text";
   if (std::holds_alternative<bool>(entry.default_value)) return "true|false";
-  text = std::holds_alternative<int>(entry.default_value) ? "int" : "number";
-  const std::string range = RangeOf(entry).ToString();
+  const std::string text =
+      std::holds_alternative<int>(entry.default_value) ? "int" : "number";
+  const std::string range = entry.UsableRange().ToString();
   return range.empty() ? text : text + " in " + range;
 }
 
