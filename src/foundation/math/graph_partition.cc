@@ -212,9 +212,7 @@ void Partitioner::AddOverlap(GraphPartition* partition) const {
       of_part.insert(of_part.end(), grown.begin(), grown.end());
     }
   }
-  for (std::vector<int>& of_part : nodes) {
-    SortUnique(&of_part);
-  }
+  for (std::vector<int>& of_part : nodes) SortUnique(&of_part);
 }
 
 }  // namespace

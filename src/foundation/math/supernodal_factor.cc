@@ -95,7 +95,7 @@ void SupernodalFactor::MakePanels() {
 }
 
 void SupernodalFactor::ListUpdates() {
-  const auto visit = [this](const auto& function) {
+  updates_ = GroupItems<Update>(panels_.size(), [this](const auto& add) {
     for (int s = 0; s < NumSupernodes(); ++s) {
       const int* rows = rows_.data() + row_begin_[s];
       const int num_rows = NumRows(s);
@@ -107,23 +107,11 @@ void SupernodalFactor::ListUpdates() {
                         panels_[panel].width;
         int last = first;
         while (last < num_rows && rows[last] < end) ++last;
-        function(panel, Update{s, first, last});
+        max_num_rows_ = std::max(max_num_rows_, num_rows - first);
+        add(panel, Update{s, first, last});
         first = last;
       }
     }
-  };
-  update_begin_.assign(panels_.size() + 1, 0);
-  visit([&](int panel, const Update& update) {
-    ++update_begin_[panel + 1];
-    max_num_rows_ =
-        std::max(max_num_rows_, NumRows(update.supernode) - update.first);
-  });
-  std::partial_sum(update_begin_.begin(), update_begin_.end(),
-                   update_begin_.begin());
-  updates_.resize(update_begin_.back());
-  std::vector<size_t> next(update_begin_.begin(), update_begin_.end() - 1);
-  visit([&](int panel, const Update& update) {
-    updates_[next[panel]++] = update;
   });
 }
 
@@ -286,9 +274,10 @@ void SupernodalRun::ComputePanel(int panel_idx, Workspace* w) {
   const int* rows = f_.rows_.data() + f_.row_begin_[s] + panel.offset;
   for (int i = 0; i < to.num_rows; ++i) w->position[rows[i]] = i;
   AddEntries(panel, to, *w);
-  for (size_t k = f_.update_begin_[panel_idx];
-       k < f_.update_begin_[panel_idx + 1]; ++k) {
-    SubtractUpdate(f_.updates_[k], to, w);
+  const auto& updates = f_.updates_;
+  for (const SupernodalFactor::Update* update = updates.begin(panel_idx);
+       update != updates.end(panel_idx); ++update) {
+    SubtractUpdate(*update, to, w);
   }
   SubtractOwnPanels(panel_idx, to, w);
   if (!FactorizePanel(to.num_rows, panel.width, to.stride, to.values,
