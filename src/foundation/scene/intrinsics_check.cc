@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "mgsfm/geometry/camera_models.h"
 
@@ -123,8 +124,7 @@ std::string DescribeWithoutRay(const Camera& camera, double share) {
 
 bool HasDistortion(const Camera& camera) {
   const std::vector<int>& idxs = ModelOf(camera).extra_params_idxs;
-  return std::any_of(idxs.begin(), idxs.end(),
-                     [&](int i) { return camera.params[i] != 0.0; });
+  return AnyOf(idxs, [&](int i) { return camera.params[i] != 0.0; });
 }
 
 // Describes a principal point that is the center of images of another size.
