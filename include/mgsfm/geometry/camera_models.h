@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <optional>
-#include <string>
 #include <string_view>
 #include <vector>
 
@@ -92,5 +91,19 @@ std::optional<Eigen::Vector3d> RayFromPixel(CameraModelId model,
 // Pixels per radian near the image center: the mean focal length, or w / 2 pi
 // for an equirectangular image. Converts pixel thresholds to angles.
 double PixelsPerRadian(CameraModelId model, const double* params);
+
+// The same for a camera with the members `model` and `params`.
+template <class Camera>
+auto ProjectToPixel(const Camera& camera, const Eigen::Vector3d& point_in_cam) {
+  return ProjectToPixel(camera.model, camera.params.data(), point_in_cam);
+}
+template <class Camera>
+auto RayFromPixel(const Camera& camera, const Eigen::Vector2d& pixel) {
+  return RayFromPixel(camera.model, camera.params.data(), pixel);
+}
+template <class Camera>
+double PixelsPerRadian(const Camera& camera) {
+  return PixelsPerRadian(camera.model, camera.params.data());
+}
 
 }  // namespace mgsfm

@@ -92,6 +92,16 @@ auto Transformed(const Items& items, const Function& function) {
   return results;
 }
 
+// The items of all lists in one.
+template <class Lists>
+auto Concatenated(const Lists& lists) {
+  std::decay_t<decltype(*std::begin(lists))> all;
+  for (const auto& list : lists) {
+    all.insert(all.end(), std::begin(list), std::end(list));
+  }
+  return all;
+}
+
 // 0, 1, ... size - 1.
 template <class T = int>
 std::vector<T> Indices(size_t size) {

@@ -255,8 +255,7 @@ KeypointRays ComputeKeypointRays(
   rays.rays.reserve(keypoints_px.size());
   rays.is_valid.reserve(keypoints_px.size());
   for (const Eigen::Vector2f& keypoint_px : keypoints_px) {
-    rays.Append(RayFromPixel(camera.model, camera.params.data(),
-                             keypoint_px.cast<double>()));
+    rays.Append(RayFromPixel(camera, keypoint_px.cast<double>()));
   }
   return rays;
 }

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -52,8 +53,6 @@ void FlattenNames(std::vector<NamedView>* views) {
   }
 }
 
-bool ByName(const NamedView& a, const NamedView& b) { return a.name < b.name; }
-
 // Outputs must not leave their folder.
 void CheckName(const std::string& name) {
   if (StaysInFolder(name)) return;
@@ -78,7 +77,7 @@ std::vector<NamedView> NameViews(
     }
   }
   if (naming == ViewNaming::kFlat) FlattenNames(&named);
-  std::stable_sort(named.begin(), named.end(), ByName);
+  StableSortBy(&named, &NamedView::name);
   const auto same = std::adjacent_find(
       named.begin(), named.end(),
       [](const NamedView& a, const NamedView& b) { return a.name == b.name; });
@@ -252,8 +251,8 @@ std::optional<double> MeanError(const UndistortedModel& model,
     const Camera& camera = model.scene.cameras[image.camera_idx];
     const Rigid3 cam_from_world =
         *model.reconstruction.CamFromWorld(model.scene, o.image_idx);
-    const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
-                                      cam_from_world * point.point_in_world);
+    const auto pixel =
+        ProjectToPixel(camera, cam_from_world * point.point_in_world);
     if (!pixel) return std::nullopt;
     sum_px +=
         (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm();

@@ -266,12 +266,6 @@ class Extractor {
   fs::path ImagePath(size_t frame_idx, size_t video_idx) const {
     return output_path_ / "images" / ImageName(frame_idx, video_idx);
   }
-  bool HasImage(size_t frame_idx, size_t video_idx) const {
-    std::error_code ignored;
-    const fs::path path = ImagePath(frame_idx, video_idx);
-    return fs::is_regular_file(path, ignored) &&
-           fs::file_size(path, ignored) > 0;
-  }
   void Write(const fs::path& path, const cv::Mat& image) const {
     ReplaceOneOfMany(
         path, EncodeImage(path.extension().string(), image,
@@ -290,7 +284,7 @@ void Extractor::Extract(size_t video_idx, const fs::path& path,
   for (size_t i = 0; i < plan_.frames.size(); ++i) {
     const auto& time_ns = plan_.frames[i].times_ns[video_idx];
     if (!time_ns) continue;
-    if (HasImage(i, video_idx)) {
+    if (IsWritten(ImagePath(i, video_idx))) {
       ++summary->num_present;
     } else {
       frame_of_time[*time_ns] = i;
@@ -328,7 +322,7 @@ std::string Extractor::Timestamps() const {
   for (size_t v = 0; v < plan_.folders.size(); ++v) {
     for (size_t i = 0; i < plan_.frames.size(); ++i) {
       const auto& time_ns = plan_.frames[i].times_ns[v];
-      if (!time_ns || !HasImage(i, v)) continue;
+      if (!time_ns || !IsWritten(ImagePath(i, v))) continue;
       const double time_s =
           static_cast<double>(*time_ns + plan_.offsets_ns[v]) / kNsPerSecond;
       lines += ImageName(i, v) + ' ' +
