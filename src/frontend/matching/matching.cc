@@ -5,7 +5,7 @@
 #include <optional>
 #include <string_view>
 
-#include "base/file_reading.h"
+#include "base/ranges.h"
 #include "matching/frame_pair_verification.h"
 #include "matching/key_frames.h"
 #include "matching/match_list.h"
@@ -109,16 +109,6 @@ void LogKeyFrames(const std::vector<FrameSequence>& key_frames,
                std::to_string(scene.frames.size()) +
                " frames are key frames; the others see hardly anything new and "
                "are matched with their neighbors only");
-}
-
-// All pairs of images of two blocks, which may be the same.
-ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2) {
-  ImagePairList pairs;
-  for (int i = begin1; i < end1; ++i) {
-    for (int j = std::max(begin2, i + 1); j < end2; ++j)
-      pairs.push_back({i, j});
-  }
-  return pairs;
 }
 
 // Throws Error if a match refers to a missing keypoint.
@@ -247,12 +237,11 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
   if (type == MatchListType::kPairs) {
     pairs = SelectListed(scene, match_list_path);
   } else {
-    std::vector<std::string> names;
-    for (const Image& image : scene.images) names.push_back(image.name);
-    const auto lists = ReadMatchList(TextLines(match_list_path), names);
+    const auto lists = ReadMatchList(TextLines(match_list_path),
+                                     Transformed(scene.images, &Image::name));
     CheckListedMatches(*database, scene, lists);
     WriteListedMatches(scene, lists, type, database);
-    for (const ListedMatches& list : lists) pairs.push_back(list.images);
+    pairs = Transformed(lists, &ListedMatches::images);
   }
   Run run(database, scene, matching, context);
   run.Match(pairs, "matching of the list");

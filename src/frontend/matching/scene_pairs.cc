@@ -6,6 +6,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/fingerprint.h"
 #include "base/parallel.h"
 #include "base/random.h"
 #include "matching/guided_matching.h"
@@ -28,14 +29,11 @@ std::optional<ImageIdxPair> ImageIdxs::Find(const PairCount& row) const {
   return MakePair(*image1, *image2);
 }
 
-namespace {
-
-using PairCounts = std::vector<std::pair<ImageIdxPair, size_t>>;
-
-PairCounts CountRows(const MatchDatabases& databases, const Scene& scene,
-                     std::vector<PairCount> (FeatureDatabase::*rows)() const) {
+std::vector<std::pair<ImageIdxPair, size_t>> CountRows(
+    const MatchDatabases& databases, const Scene& scene,
+    std::vector<PairCount> (FeatureDatabase::*rows)() const) {
   const ImageIdxs image_idxs(scene);
-  PairCounts pairs;
+  std::vector<std::pair<ImageIdxPair, size_t>> pairs;
   for (const FeatureDatabase* database :
        {&std::as_const(databases.output), &databases.features}) {
     for (const PairCount& row : (database->*rows)()) {
@@ -46,17 +44,6 @@ PairCounts CountRows(const MatchDatabases& databases, const Scene& scene,
     if (databases.AreOne()) break;
   }
   return pairs;
-}
-
-}  // namespace
-
-PairCounts CountMatches(const MatchDatabases& databases, const Scene& scene) {
-  return CountRows(databases, scene, &FeatureDatabase::CountMatches);
-}
-
-PairCounts CountInlierMatches(const MatchDatabases& databases,
-                              const Scene& scene) {
-  return CountRows(databases, scene, &FeatureDatabase::CountInlierMatches);
 }
 
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
@@ -101,15 +88,11 @@ void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
 
 uint64_t PairSeed(const std::string& image_name1,
                   const std::string& image_name2, uint64_t random_seed) {
-  // FNV-1a with the constants of the 64-bit variant.
-  uint64_t hash = 0xcbf29ce484222325ull;
-  const auto add = [&](unsigned char byte) {
-    hash = (hash ^ byte) * 0x100000001b3ull;
-  };
-  for (const char c : image_name1) add(static_cast<unsigned char>(c));
-  add(0);
-  for (const char c : image_name2) add(static_cast<unsigned char>(c));
-  return Random(random_seed, hash).NextBits();
+  Fingerprint names;
+  for (const char c : image_name1) names.Add(c);
+  names.Add('\0');
+  for (const char c : image_name2) names.Add(c);
+  return Random(random_seed, names.hash()).NextBits();
 }
 
 DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,
@@ -197,8 +180,8 @@ void FeatureCache::ComputeRays(const Context& context) {
             scene_.cameras[scene_.images[image_idx].camera_idx];
         features->rays.reserve(features->keypoints_px.size());
         for (const Eigen::Vector2f& keypoint : features->keypoints_px) {
-          features->rays.push_back(RayFromPixel(
-              camera.model, camera.params.data(), keypoint.cast<double>()));
+          features->rays.push_back(
+              RayFromPixel(camera, keypoint.cast<double>()));
         }
       },
       1);

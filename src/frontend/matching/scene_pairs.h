@@ -44,10 +44,9 @@ struct MatchDatabases {
 };
 
 // Pairs with a row in either database, by index.
-std::vector<std::pair<ImageIdxPair, size_t>> CountMatches(
-    const MatchDatabases& databases, const Scene& scene);
-std::vector<std::pair<ImageIdxPair, size_t>> CountInlierMatches(
-    const MatchDatabases& databases, const Scene& scene);
+std::vector<std::pair<ImageIdxPair, size_t>> CountRows(
+    const MatchDatabases& databases, const Scene& scene,
+    std::vector<PairCount> (FeatureDatabase::*rows)() const);
 
 // The matches of a pair, with the order of images of the scene, sorted by
 // keypoint indices; from the output database if it has a row of the pair.

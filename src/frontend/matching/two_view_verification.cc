@@ -3,10 +3,12 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "matching/ray_models.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -37,17 +39,11 @@ bool IsPinhole(const Camera& camera) {
 
 // A pinhole with moderate distortion, for which F in pixels nearly holds.
 bool IsPerspective(const Camera& camera) {
-  switch (camera.model) {
-    case CameraModelId::kSimplePinhole:
-    case CameraModelId::kPinhole:
-    case CameraModelId::kSimpleRadial:
-    case CameraModelId::kRadial:
-    case CameraModelId::kOpenCV:
-    case CameraModelId::kFullOpenCV:
-      return true;
-    default:
-      return false;
-  }
+  return Contains(
+      std::array{CameraModelId::kSimplePinhole, CameraModelId::kPinhole,
+                 CameraModelId::kSimpleRadial, CameraModelId::kRadial,
+                 CameraModelId::kOpenCV, CameraModelId::kFullOpenCV},
+      camera.model);
 }
 
 }  // namespace
@@ -348,8 +344,7 @@ class PairVerifier {
 }  // namespace
 
 double RadiansPerPixel(const Camera& camera1, const Camera& camera2) {
-  return 0.5 / PixelsPerRadian(camera1.model, camera1.params.data()) +
-         0.5 / PixelsPerRadian(camera2.model, camera2.params.data());
+  return 0.5 / PixelsPerRadian(camera1) + 0.5 / PixelsPerRadian(camera2);
 }
 
 ImagePair VerifyPair(const VerificationView& view1,
@@ -395,10 +390,9 @@ bool IsWatermark(const VerificationView& view1, const VerificationView& view2,
   for (int trial = 0; trial < kNumTrials; ++trial) {
     const Eigen::Vector2f shift =
         shifts[random->Index(static_cast<uint32_t>(shifts.size()))];
-    const auto num_alike = std::count_if(
-        shifts.begin(), shifts.end(), [&](const Eigen::Vector2f& other) {
-          return (other - shift).norm() <= options.max_error;
-        });
+    const auto num_alike = CountIf(shifts, [&](const Eigen::Vector2f& other) {
+      return (other - shift).norm() <= options.max_error;
+    });
     if (static_cast<double>(num_alike) >= min_num_shifts) return true;
   }
   return false;
