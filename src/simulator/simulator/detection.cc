@@ -323,8 +323,7 @@ SimulatedFeatures Detector::Detect(const Exposure& exposure,
 
 double Detector::DistanceScale(int camera) const {
   if (!world_.distances_scale) return 1.0;
-  return kReferenceFocal_px /
-         PixelsPerRadian(rig_[camera].model, rig_[camera].params.data());
+  return kReferenceFocal_px / PixelsPerRadian(rig_[camera]);
 }
 
 bool Detector::Project(const Exposure& exposure,
@@ -332,8 +331,7 @@ bool Detector::Project(const Exposure& exposure,
                        Eigen::Vector2d* pixel) const {
   const SimulatedCamera& camera = rig_[exposure.camera];
   const auto project = [&](const Rigid3& cam_from_world) {
-    return ProjectToPixel(camera.model, camera.params.data(),
-                          cam_from_world * point_in_world);
+    return ProjectToPixel(camera, cam_from_world * point_in_world);
   };
   auto projected = project(exposure.cam_from_world);
   // The row depends on the pose at its time. Each repetition is more accurate
@@ -491,8 +489,7 @@ bool Detector::Append(int camera_number, int identity,
                       SimulatedFeatures* features) const {
   const SimulatedCamera& camera = assumed_rig_[camera_number];
   const Eigen::Vector2f keypoint = pixel.cast<float>();
-  const auto ray =
-      RayFromPixel(camera.model, camera.params.data(), keypoint.cast<double>());
+  const auto ray = RayFromPixel(camera, keypoint.cast<double>());
   if (!ray) return false;
   features->identities.push_back(identity);
   features->keypoints_px.push_back(keypoint);

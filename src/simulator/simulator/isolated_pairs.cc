@@ -157,8 +157,7 @@ class IsolatedPairMaker {
                  Random* random) {
     const int camera_number = photographs_.exposures[plan.image2].camera;
     const SimulatedCamera& camera = rig_[camera_number];
-    const auto pixel =
-        ProjectToPixel(camera.model, camera.params.data(), point_in_cam2);
+    const auto pixel = ProjectToPixel(camera, point_in_cam2);
     const double noise_x = options_.pixel_noise_px * random->Normal();
     const double noise_y = options_.pixel_noise_px * random->Normal();
     if (!pixel || pixel->x() < 0 || pixel->y() < 0 ||

@@ -6,6 +6,7 @@
 #include <map>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
@@ -157,17 +158,14 @@ std::optional<MadePair> PairMaker::Make(const PairPlan& plan) const {
     return std::nullopt;
   }
   const bool is_duplicate = plan.duplicate >= 0;
-  Random random = RandomOf(options_.random_seed, Effect::kRandomPairs,
-                           KeyOf(plan.image1, plan.image2));
+  Random random = RandomOfPair(Effect::kRandomPairs, plan.image1, plan.image2);
   if (!is_duplicate && random.Uniform() < options_.wrong_pair_ratio) {
     return MakeRandomPair(plan, std::move(matches));
   }
   const Rigid3 cam2_from_cam1 = PoseOfMatches(plan, world_, photographs_);
-  AddMismatches(options_.mismatch_ratio,
-                photographs_.features[plan.image2].size(),
-                RandomOf(options_.random_seed, Effect::kMismatches,
-                         KeyOf(plan.image1, plan.image2)),
-                &matches);
+  AddMismatches(
+      options_.mismatch_ratio, photographs_.features[plan.image2].size(),
+      RandomOfPair(Effect::kMismatches, plan.image1, plan.image2), &matches);
   MoveAlongEpipolarLines(plan, cam2_from_cam1, &matches);
   return Verify(plan.image1, plan.image2,
                 is_duplicate ? PairKind::kDuplicatedStructure : PairKind::kTrue,
@@ -193,9 +191,10 @@ std::optional<MadePair> PairMaker::Verify(
   return made;
 }
 
-uint64_t PairMaker::KeyOf(int image1, int image2) const {
-  return photographs_.exposures[image1].Key() << 32 |
-         photographs_.exposures[image2].Key();
+Random PairMaker::RandomOfPair(Effect effect, int image1, int image2) const {
+  return RandomOf(options_.random_seed, effect,
+                  photographs_.exposures[image1].Key() << 32 |
+                      photographs_.exposures[image2].Key());
 }
 
 void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
@@ -204,8 +203,8 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
   if (options_.epipolar_outlier_ratio == 0.0 || !HasBaseline(cam2_from_cam1)) {
     return;
   }
-  Random random = RandomOf(options_.random_seed, Effect::kEpipolarOutliers,
-                           KeyOf(plan.image1, plan.image2));
+  Random random =
+      RandomOfPair(Effect::kEpipolarOutliers, plan.image1, plan.image2);
   const Rigid3 pose = WithUnitBaseline(cam2_from_cam1);
   const double max_error_rad =
       ErrorInRadians(plan.image1, plan.image2, kEpipolarOutlierError_px);
@@ -233,9 +232,8 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
 // The minimum number of matches, all wrong, with a random relative pose.
 std::optional<MadePair> PairMaker::MakeRandomPair(
     const PairPlan& plan, std::vector<Match> matches) const {
-  Random random(RandomOf(options_.random_seed, Effect::kRandomPairs,
-                         KeyOf(plan.image1, plan.image2))
-                    .NextBits());
+  Random random(
+      RandomOfPair(Effect::kRandomPairs, plan.image1, plan.image2).NextBits());
   const Eigen::Vector3d turn = NormalVector(&random);
   const Rigid3 cam2_from_cam1{ExpSO3(turn), NormalVector(&random)};
   const size_t num_features2 = photographs_.features[plan.image2].size();
@@ -252,7 +250,7 @@ double PairMaker::ErrorInRadians(int image1, int image2,
   double inverse_focal = 0.0;
   for (const int image : {image1, image2}) {
     const SimulatedCamera& camera = rig_[photographs_.exposures[image].camera];
-    inverse_focal += 0.5 / PixelsPerRadian(camera.model, camera.params.data());
+    inverse_focal += 0.5 / PixelsPerRadian(camera);
   }
   return error_px * inverse_focal;
 }
@@ -272,12 +270,10 @@ std::vector<Match> PairMaker::Inliers(const Rigid3& cam2_from_cam1, int image1,
                                       const std::vector<Match>& matches) const {
   const double max_error_rad =
       ErrorInRadians(image1, image2, options_.max_verification_error_px);
-  std::vector<Match> inliers;
-  for (const Match& match : matches) {
-    if (Passes(cam2_from_cam1, image1, image2, match, max_error_rad)) {
-      inliers.push_back(match);
-    }
-  }
+  std::vector<Match> inliers = matches;
+  EraseIf(&inliers, [&](const Match& match) {
+    return !Passes(cam2_from_cam1, image1, image2, match, max_error_rad);
+  });
   return inliers;
 }
 
@@ -333,8 +329,7 @@ Rigid3 PairMaker::Estimate(int image1, int image2,
     }
   }
   if (options_.relative_rotation_noise_deg > 0.0) {
-    Random random = RandomOf(options_.random_seed, Effect::kPairEstimates,
-                             KeyOf(image1, image2));
+    Random random = RandomOfPair(Effect::kPairEstimates, image1, image2);
     const Eigen::Vector3d turn =
         DegToRad(options_.relative_rotation_noise_deg) * NormalVector(&random);
     pose.rotation = (pose.rotation * ExpSO3(turn)).normalized();
@@ -348,13 +343,12 @@ bool PairMaker::IsPanoramic(int image1, int image2,
   const double max_error_rad =
       ErrorInRadians(image1, image2, options_.max_verification_error_px);
   const auto num_explained =
-      std::count_if(hypothesis.inliers.begin(), hypothesis.inliers.end(),
-                    [&](const Match& match) {
-                      return IsRotationInlier(
-                          hypothesis.cam2_from_cam1.rotation,
-                          Ray1(photographs_, image1, match),
-                          Ray2(photographs_, image2, match), max_error_rad);
-                    });
+      CountIf(hypothesis.inliers, [&](const Match& match) {
+        return IsRotationInlier(hypothesis.cam2_from_cam1.rotation,
+                                Ray1(photographs_, image1, match),
+                                Ray2(photographs_, image2, match),
+                                max_error_rad);
+      });
   return static_cast<double>(num_explained) >=
          kPanoramicShare * static_cast<double>(hypothesis.inliers.size());
 }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "simulator/pair_selection.h"
+#include "simulator/random_streams.h"
 #include "simulator/weak_cuts.h"
 
 namespace mgsfm {
@@ -57,7 +58,7 @@ class PairMaker {
   MadePair Finish(int image1, int image2, Hypothesis hypothesis) const;
   Rigid3 Estimate(int image1, int image2, const Hypothesis& hypothesis) const;
   bool IsPanoramic(int image1, int image2, const Hypothesis& hypothesis) const;
-  uint64_t KeyOf(int image1, int image2) const;
+  Random RandomOfPair(Effect effect, int image1, int image2) const;
 
   const SimulationOptions& options_;
   const std::vector<SimulatedCamera>& rig_;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 
 namespace mgsfm {
 namespace {
@@ -33,6 +34,14 @@ void SortUnique(std::vector<PairPlan>* plans) {
   };
   plans->erase(std::unique(plans->begin(), plans->end(), is_same),
                plans->end());
+}
+
+// Pairs of a number and an item: the largest number first.
+template <class Pairs>
+void SortByNumber(Pairs* pairs) {
+  std::sort(pairs->begin(), pairs->end(), [](const auto& a, const auto& b) {
+    return a.first != b.first ? a.first > b.first : a.second < b.second;
+  });
 }
 
 PairPlan Ordered(int image1, int image2) {
@@ -81,9 +90,7 @@ class LoopFinder {
 // The images with most points in common, as (number, image), best first.
 std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
                                       int max_num) {
-  std::sort(partners.begin(), partners.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first > b.first : a.second < b.second;
-  });
+  SortByNumber(&partners);
   if (static_cast<int>(partners.size()) > max_num) partners.resize(max_num);
   return partners;
 }
@@ -116,11 +123,10 @@ std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
   for (const auto& [num_common, other] :
        Best(std::move(partners), num_partners)) {
     const Exposure& of_other = photographs.exposures[other];
-    const bool is_near =
-        std::any_of(chosen.begin(), chosen.end(), [&](int best) {
-          return photographs.exposures[best].camera == of_other.camera &&
-                 are_neighbors(photographs.exposures[best], of_other);
-        });
+    const bool is_near = AnyOf(chosen, [&](int best) {
+      return photographs.exposures[best].camera == of_other.camera &&
+             are_neighbors(photographs.exposures[best], of_other);
+    });
     if (is_near) continue;
     chosen.push_back(other);
     plans.push_back(Ordered(image, other));
@@ -165,11 +171,7 @@ void PlanLoops(const SimulationOptions& options, const Drive& drive,
       found[image].push_back(Ordered(static_cast<int>(image), other));
     }
   };
-  ParallelFor(found.size(), ResolveNumThreads(context.num_threads), find, 16,
-              [&](size_t num_done) {
-                context.ReportProgress("simulation: loops", num_done,
-                                       found.size());
-              });
+  ParallelFor(found.size(), context, "simulation: loops", find, 16);
   for (const std::vector<PairPlan>& some : found) {
     plans->insert(plans->end(), some.begin(), some.end());
   }
@@ -249,9 +251,7 @@ std::vector<std::pair<int, PairPlan>> RankedPairs(
       ranked.emplace_back(num_common, plan);
     }
   }
-  std::sort(ranked.begin(), ranked.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first > b.first : a.second < b.second;
-  });
+  SortByNumber(&ranked);
   return ranked;
 }
 

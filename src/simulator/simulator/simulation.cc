@@ -269,26 +269,19 @@ void Simulator::DetectFeatures(const Detector& detector) {
   const std::vector<Exposure>& exposures = photographs_.exposures;
   photographs_.features.resize(exposures.size());
   ParallelFor(
-      exposures.size(), ResolveNumThreads(context_.num_threads),
+      exposures.size(), context_, "simulation: features",
       [&](size_t i) {
         photographs_.features[i] = detector.Detect(exposures[i]);
       },
-      16,
-      [&](size_t num_done) {
-        context_.ReportProgress("simulation: features", num_done,
-                                exposures.size());
-      });
+      16);
 }
 
 std::vector<MadePair> Simulator::MakePairs(
     const PairMaker& maker, const std::vector<PairPlan>& plans) const {
   std::vector<std::optional<MadePair>> made(plans.size());
   ParallelFor(
-      plans.size(), ResolveNumThreads(context_.num_threads),
-      [&](size_t i) { made[i] = maker.Make(plans[i]); }, 64,
-      [&](size_t num_done) {
-        context_.ReportProgress("simulation: pairs", num_done, plans.size());
-      });
+      plans.size(), context_, "simulation: pairs",
+      [&](size_t i) { made[i] = maker.Make(plans[i]); }, 64);
   std::vector<MadePair> pairs;
   for (std::optional<MadePair>& pair : made) {
     if (pair) pairs.push_back(std::move(*pair));

@@ -34,9 +34,8 @@ std::optional<double> FirstRoot(double a, double b, double c, double begin,
 
 }  // namespace
 
-Ground::Field::Field(const Eigen::Vector2d& min, const Eigen::Vector2d& max,
-                     double cell_size_m)
-    : grid(min, max, cell_size_m),
+Ground::Field::Field(const Eigen::AlignedBox2d& box, double cell_size_m)
+    : grid(box, cell_size_m),
       values((grid.num_columns() + 1) * (grid.num_rows() + 1), 0.0) {}
 
 Eigen::Vector2d Ground::Field::Corner(int column, int row) const {
@@ -53,10 +52,8 @@ double Ground::Field::Interpolate(const Eigen::Vector2d& position) const {
          y * ((1.0 - x) * At(column, row + 1) + x * At(column + 1, row + 1));
 }
 
-Ground::Ground(const Road& road, const Eigen::Vector2d& min,
-               const Eigen::Vector2d& max)
-    : heights_(min, max, kHeightCell_m),
-      road_distances_(min, max, kDistanceCell_m) {
+Ground::Ground(const Road& road, const Eigen::AlignedBox2d& box)
+    : heights_(box, kHeightCell_m), road_distances_(box, kDistanceCell_m) {
   for (int row = 0; row <= heights_.grid.num_rows(); ++row) {
     for (int column = 0; column <= heights_.grid.num_columns(); ++column) {
       const Eigen::Vector2d corner = heights_.Corner(column, row);

@@ -18,8 +18,7 @@ namespace mgsfm {
 class Ground {
  public:
   // Covers the box.
-  Ground(const Road& road, const Eigen::Vector2d& min,
-         const Eigen::Vector2d& max);
+  Ground(const Road& road, const Eigen::AlignedBox2d& box);
 
   double HeightAt(const Eigen::Vector2d& position) const;
   // Distance to the center line of the road, at most kMaxRoadDistance_m;
@@ -40,8 +39,7 @@ class Ground {
     CellGrid grid;
     std::vector<double> values;
 
-    Field(const Eigen::Vector2d& min, const Eigen::Vector2d& max,
-          double cell_size_m);
+    Field(const Eigen::AlignedBox2d& box, double cell_size_m);
     Eigen::Vector2d Corner(int column, int row) const;
     double& At(int column, int row) {
       return values[row * (grid.num_columns() + 1) + column];
