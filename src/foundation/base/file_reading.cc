@@ -49,32 +49,25 @@ class Descriptor {
 // The contents of pipes, e.g. of a process substitution: a pipe can be read
 // only once, but several steps read some inputs. The key has the inode, because
 // a long-running process may see different pipes under one path.
-class PipeContents {
- public:
-  std::optional<std::string> Find(const std::string& path) {
-    struct stat status {};
-    const bool is_pipe =
-        stat(path.c_str(), &status) == 0 && S_ISFIFO(status.st_mode);
-    if (!is_pipe) return std::nullopt;
-    const std::lock_guard<std::mutex> lock(mutex_);
-    const auto found = contents_.find({path, status.st_ino});
-    if (found == contents_.end()) return std::nullopt;
-    return found->second;
-  }
-  void Add(const std::string& path, const struct stat& status,
-           const std::string& content) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    contents_[{path, status.st_ino}] = content;
-  }
-
- private:
-  std::mutex mutex_;
-  std::map<std::pair<std::string, ino_t>, std::string> contents_;
+struct PipeContents {
+  std::mutex mutex;
+  std::map<std::pair<std::string, ino_t>, std::string> contents;
 };
-
 PipeContents& ReadPipes() {
   static PipeContents pipes;
   return pipes;
+}
+
+std::optional<std::string> FindPipe(const std::string& path) {
+  struct stat status {};
+  if (stat(path.c_str(), &status) != 0 || !S_ISFIFO(status.st_mode)) {
+    return std::nullopt;
+  }
+  PipeContents& pipes = ReadPipes();
+  const std::lock_guard<std::mutex> lock(pipes.mutex);
+  const auto found = pipes.contents.find({path, status.st_ino});
+  if (found == pipes.contents.end()) return std::nullopt;
+  return found->second;
 }
 
 // The size is a hint only: pipes have none, and files may grow. A Linux pipe
@@ -110,7 +103,7 @@ std::string ReadDescriptor(int file, const struct stat& status,
 std::string ReadFile(const std::filesystem::path& path, const std::string& what,
                      size_t max_size) {
   const std::string name = what.empty() ? "'" + path.string() + "'" : what;
-  if (const auto content = ReadPipes().Find(path)) {
+  if (const auto content = FindPipe(path)) {
     return content->substr(0, max_size);
   }
   const Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
@@ -123,7 +116,9 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
   }
   const std::string content = ReadDescriptor(
       file.get(), status, name, std::numeric_limits<size_t>::max());
-  ReadPipes().Add(path, status, content);
+  PipeContents& pipes = ReadPipes();
+  const std::lock_guard<std::mutex> lock(pipes.mutex);
+  pipes.contents[{path, status.st_ino}] = content;
   return content.substr(0, max_size);
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/base/options_io.h"
 
+#include <algorithm>
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "base/ranges.h"
 #include "base/text_lines.h"
 #include "base/text_streams.h"
 #include "base/text_tools.h"
@@ -139,26 +139,27 @@ std::string EscapePipes(const std::string& text) {
   return escaped;
 }
 
-// Calls visit(section, entries) for each section in the order of first use.
-template <class Visit>
-void ForEachSection(const OptionList& options, const Visit& visit) {
-  std::vector<std::string> sections;
+struct Section {
+  std::string name;
+  std::vector<const OptionEntry*> entries;
+};
+
+// In the order of first use.
+std::vector<Section> SectionsOf(const OptionList& options) {
+  std::vector<Section> sections;
   for (const OptionEntry& entry : options) {
-    const std::string section = entry.Section();
-    // The top level must come first because it has no heading in files.
-    if (section.empty() && (sections.empty() || !sections[0].empty())) {
-      sections.insert(sections.begin(), section);
-    } else if (!Contains(sections, section)) {
-      sections.push_back(section);
+    const std::string name = entry.Section();
+    auto section =
+        std::find_if(sections.begin(), sections.end(),
+                     [&](const Section& other) { return other.name == name; });
+    if (section == sections.end()) {
+      // The top level must come first because it has no heading in files.
+      section = sections.insert(name.empty() ? sections.begin() : section,
+                                {name, {}});
     }
+    section->entries.push_back(&entry);
   }
-  for (const std::string& section : sections) {
-    std::vector<const OptionEntry*> entries;
-    for (const OptionEntry& entry : options) {
-      if (entry.Section() == section) entries.push_back(&entry);
-    }
-    visit(section, entries);
-  }
+  return sections;
 }
 
 std::string KeyInSection(const OptionEntry& entry) {
@@ -201,17 +202,16 @@ void LoadOptions(const std::filesystem::path& path, const OptionList& options,
 
 std::string DumpOptions(const OptionList& options) {
   std::string text = std::string(kVersionKey) + " = " + Version() + "\n";
-  ForEachSection(
-      options, [&text](const std::string& section, const auto& entries) {
-        if (!section.empty()) text += "\n[" + section + "]\n";
-        for (const OptionEntry* entry : entries) {
-          const std::string value = FormatOptionValue(entry->get());
-          // A required option stays commented out so that it is still reported
-          // as missing.
-          if (value.empty() && entry->IsRequired()) text += "# required: ";
-          text += KeyInSection(*entry) + " = " + QuoteIfNeeded(value) + "\n";
-        }
-      });
+  for (const auto& [section, entries] : SectionsOf(options)) {
+    if (!section.empty()) text += "\n[" + section + "]\n";
+    for (const OptionEntry* entry : entries) {
+      const std::string value = FormatOptionValue(entry->get());
+      // A required option stays commented out so that it is still reported as
+      // missing.
+      if (value.empty() && entry->IsRequired()) text += "# required: ";
+      text += KeyInSection(*entry) + " = " + QuoteIfNeeded(value) + "\n";
+    }
+  }
   return text;
 }
 
@@ -232,34 +232,32 @@ std::string OptionsToJson(const OptionList& options) {
 
 std::string OptionsToHelp(const OptionList& options) {
   std::string text;
-  ForEachSection(
-      options, [&text](const std::string& section, const auto& entries) {
-        if (!section.empty()) text += "\n" + section + "\n";
-        for (const OptionEntry* entry : entries) {
-          text += "  --" + entry->name + "\n";
-          AppendWrapped(DescribeType(*entry) +
-                            (entry->unit.empty() ? "" : " " + entry->unit) +
-                            "; default: " + DescribeDefault(*entry),
-                        6, &text);
-          AppendWrapped(entry->help, 6, &text);
-        }
-      });
+  for (const auto& [section, entries] : SectionsOf(options)) {
+    if (!section.empty()) text += "\n" + section + "\n";
+    for (const OptionEntry* entry : entries) {
+      text += "  --" + entry->name + "\n";
+      AppendWrapped(DescribeType(*entry) +
+                        (entry->unit.empty() ? "" : " " + entry->unit) +
+                        "; default: " + DescribeDefault(*entry),
+                    6, &text);
+      AppendWrapped(entry->help, 6, &text);
+    }
+  }
   return text;
 }
 
 std::string OptionsToMarkdown(const OptionList& options) {
   std::string text;
-  ForEachSection(
-      options, [&text](const std::string& section, const auto& entries) {
-        if (!section.empty()) text += "\n### " + section + "\n\n";
-        text += "| option | default | values | unit | meaning |\n";
-        text += "|---|---|---|---|---|\n";
-        for (const OptionEntry* entry : entries) {
-          text += "| `" + entry->name + "` | " + DescribeDefault(*entry) +
-                  " | " + EscapePipes(DescribeType(*entry)) + " | " +
-                  entry->unit + " | " + EscapePipes(entry->help) + " |\n";
-        }
-      });
+  for (const auto& [section, entries] : SectionsOf(options)) {
+    if (!section.empty()) text += "\n### " + section + "\n\n";
+    text += "| option | default | values | unit | meaning |\n";
+    text += "|---|---|---|---|---|\n";
+    for (const OptionEntry* entry : entries) {
+      text += "| `" + entry->name + "` | " + DescribeDefault(*entry) + " | " +
+              EscapePipes(DescribeType(*entry)) + " | " + entry->unit + " | " +
+              EscapePipes(entry->help) + " |\n";
+    }
+  }
   return text;
 }
 

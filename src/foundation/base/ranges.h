@@ -102,6 +102,14 @@ auto Concatenated(const Lists& lists) {
   return all;
 }
 
+// The larger median of an even number of values, which must not be empty.
+template <class T>
+T UpperMedian(std::vector<T> values) {
+  const auto middle = values.begin() + values.size() / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 // 0, 1, ... size - 1.
 template <class T = int>
 std::vector<T> Indices(size_t size) {
