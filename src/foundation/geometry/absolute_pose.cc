@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/ranges.h"
 #include "geometry/pose_refinement.h"
 
 namespace mgsfm {
@@ -263,14 +264,12 @@ class AbsolutePoseRansac {
 
   void OptimizeAtLast() {
     const auto inliers = InliersOf(cameras_, *best_);
-    std::vector<double> errors = AbsolutePoseErrors(inliers, *best_);
+    const std::vector<double> errors = AbsolutePoseErrors(inliers, *best_);
     if (errors.empty()) return;
-    const auto middle = errors.begin() + errors.size() / 2;
-    std::nth_element(errors.begin(), middle, errors.end());
     Rigid3 refined = *best_;
     // The lower bound avoids a degenerate loss for exact data.
     const double loss_scale =
-        std::min(kInlierLossScale, std::max(0.02, 2.0 * *middle));
+        std::min(kInlierLossScale, std::max(0.02, 2.0 * UpperMedian(errors)));
     if (RefineAbsolutePose(inliers, loss_scale, &refined).IsUsable()) {
       best_ = refined;
     }

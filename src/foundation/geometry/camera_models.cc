@@ -88,10 +88,8 @@ CameraModelInfo MakeInfo(int number) {
 template <class Model>
 [[gnu::flatten]] bool Project(const double* params, const double* point_in_cam,
                               double* pixel) {
-  const Eigen::Vector3d point(point_in_cam[0], point_in_cam[1],
-                              point_in_cam[2]);
-  const std::optional<Eigen::Vector2d> projected =
-      Model::Project(params, point, nullptr, nullptr);
+  const std::optional<Eigen::Vector2d> projected = Model::Project(
+      params, Eigen::Vector3d::Map(point_in_cam), nullptr, nullptr);
   if (!projected) return false;
   pixel[0] = projected->x();
   pixel[1] = projected->y();
@@ -102,20 +100,15 @@ template <class Model>
 [[gnu::flatten]] bool Linearize(const double* params,
                                 const double* point_in_cam, double* pixel,
                                 double* by_point, double* by_params) {
-  const Eigen::Vector3d point(point_in_cam[0], point_in_cam[1],
-                              point_in_cam[2]);
   Eigen::Matrix<double, 2, 3> jacobian_point;
   PixelJacobianParams jacobian_params;
-  const std::optional<Eigen::Vector2d> projected =
-      Model::Project(params, point, &jacobian_point,
-                     by_params != nullptr ? &jacobian_params : nullptr);
+  const std::optional<Eigen::Vector2d> projected = Model::Project(
+      params, Eigen::Vector3d::Map(point_in_cam), &jacobian_point,
+      by_params != nullptr ? &jacobian_params : nullptr);
   if (!projected) return false;
   pixel[0] = projected->x();
   pixel[1] = projected->y();
-  for (int i = 0; i < 3; ++i) {
-    by_point[i] = jacobian_point(0, i);
-    by_point[3 + i] = jacobian_point(1, i);
-  }
+  Eigen::Matrix<double, 2, 3, Eigen::RowMajor>::Map(by_point) = jacobian_point;
   if (by_params != nullptr) {
     std::copy_n(jacobian_params.data(), 2 * Model::kNumParams, by_params);
   }
