@@ -233,18 +233,16 @@ Scene SplitRig(Scene scene, const std::string& frame_name) {
 Scene SeparateImages(Scene scene) {
   scene.rigs.clear();
   scene.frames.clear();
-  for (size_t s = 0; s < scene.sensors.size(); ++s) {
-    const int idx = static_cast<int>(s);
-    scene.sensors[s].rig_idx = idx;
+  for (const int s : Indices(scene.sensors.size())) {
+    scene.sensors[s].rig_idx = s;
     scene.sensors[s].sensor_from_rig = Rigid3();
-    scene.rigs.push_back({RigId(static_cast<uint32_t>(s + 1)), idx, {idx}});
+    scene.rigs.push_back({RigId(static_cast<uint32_t>(s + 1)), s, {s}});
   }
-  for (size_t i = 0; i < scene.images.size(); ++i) {
+  for (const int i : Indices(scene.images.size())) {
     Image& image = scene.images[i];
-    const int idx = static_cast<int>(i);
-    image.frame_idx = idx;
+    image.frame_idx = i;
     scene.frames.push_back(
-        {FrameId(image.id.value()), image.name, image.sensor_idx, {idx}});
+        {FrameId(image.id.value()), image.name, image.sensor_idx, {i}});
   }
   return scene;
 }
