@@ -99,7 +99,7 @@ class CeresRigProblem {
   ceres::LossFunction* LossOfPoint(size_t num_observations) {
     auto& loss = loss_of_size_[num_observations];
     if (!loss) {
-      loss = std::make_unique<RigLoss>(rig_.LossOfPoint(num_observations));
+      loss = std::make_unique<CeresLoss>(rig_.LossOfPoint(num_observations));
     }
     return loss.get();
   }
@@ -212,8 +212,9 @@ class CeresRigProblem {
   const Problem& rig_;
   RigState& state_;
   std::vector<PoseBlock> frames_, sensors_;
-  RigLoss loss_, position_loss_, gravity_loss_;
-  std::map<size_t, std::unique_ptr<RigLoss>> loss_of_size_;  // by observations
+  CeresLoss loss_, position_loss_, gravity_loss_;
+  std::map<size_t, std::unique_ptr<CeresLoss>>
+      loss_of_size_;  // by observations
   ceres::Problem problem_;
 };
 

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <ceres/cost_function.h>
-#include <ceres/loss_function.h>
 #include <ceres/sized_cost_function.h>
 
 #include <algorithm>
@@ -333,20 +332,6 @@ class SensorPriorCost : public ceres::CostFunction {
 
  private:
   const SensorPrior& prior_;
-};
-
-class RigLoss : public ceres::LossFunction {
- public:
-  explicit RigLoss(const RobustLoss& loss) : loss_(loss) {}
-  void Evaluate(double s, double out[3]) const override {
-    const LossValue value = loss_.Evaluate(s);
-    out[0] = value.rho;
-    out[1] = value.d1;
-    out[2] = value.d2;
-  }
-
- private:
-  const RobustLoss loss_;
 };
 
 }  // namespace mgsfm
