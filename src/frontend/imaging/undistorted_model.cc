@@ -65,9 +65,8 @@ std::vector<NamedView> NameViews(
     const Scene& scene, const Reconstruction& reconstruction,
     const std::vector<std::vector<View>>& views_of_camera, ViewNaming naming) {
   std::vector<NamedView> named;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    const int image_idx = static_cast<int>(i);
-    const Image& image = scene.images[i];
+  for (const int image_idx : Indices(scene.images.size())) {
+    const Image& image = scene.images[image_idx];
     if (!reconstruction.IsRegistered(scene, image_idx)) continue;
     CheckName(image.name);
     const std::vector<View>& views = views_of_camera[image.camera_idx];
@@ -207,12 +206,12 @@ MovedKeypoints MoveKeypoints(
     context.CheckInterrupted();
     const Image& image = scene.images[i];
     if (!reconstruction.IsRegistered(scene, static_cast<int>(i))) return;
-    moved[i].reserve(image.keypoints_px.size());
-    for (const Eigen::Vector2f& keypoint_px : image.keypoints_px) {
-      moved[i].push_back(FindInViews(reconstruction.cameras[image.camera_idx],
-                                     views_of_camera[image.camera_idx],
-                                     keypoint_px.cast<double>()));
-    }
+    moved[i] = Transformed(
+        image.keypoints_px, [&](const Eigen::Vector2f& keypoint_px) {
+          return FindInViews(reconstruction.cameras[image.camera_idx],
+                             views_of_camera[image.camera_idx],
+                             keypoint_px.cast<double>());
+        });
   };
   ParallelFor(scene.images.size(), context.num_threads, move, 1);
   return moved;

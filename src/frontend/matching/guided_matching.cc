@@ -168,9 +168,7 @@ TileSelection SelectBand(const std::vector<KeypointPlane>& planes1,
   const auto first_at = [&](const PlaneRange& range, double azimuth) {
     const auto begin = planes2.begin();
     return static_cast<size_t>(
-        std::lower_bound(begin + static_cast<std::ptrdiff_t>(range.begin),
-                         begin + static_cast<std::ptrdiff_t>(range.end),
-                         azimuth,
+        std::lower_bound(begin + range.begin, begin + range.end, azimuth,
                          [](const KeypointPlane& plane, double value) {
                            return plane.azimuth < value;
                          }) -
@@ -247,8 +245,7 @@ std::optional<ImagePair> FindMotion(const MatchingView& view1,
   const bool has_planes = pair.config == TwoViewConfig::kCalibrated ||
                           pair.config == TwoViewConfig::kUncalibrated;
   if (!has_planes ||
-      static_cast<double>(pair.matches.size()) <
-          kMinExplainedShare * static_cast<double>(matches.size())) {
+      pair.matches.size() < kMinExplainedShare * matches.size()) {
     return std::nullopt;
   }
   return pair;

@@ -16,17 +16,11 @@
 
 namespace mgsfm {
 
-std::optional<int> ImageIdxs::Find(ImageId id) const {
-  const auto found = idxs_.find(id);
-  if (found == idxs_.end()) return std::nullopt;
-  return found->second;
-}
-
 std::optional<ImageIdxPair> ImageIdxs::Find(const PairCount& row) const {
-  const auto image1 = Find(row.image_id1);
-  const auto image2 = Find(row.image_id2);
-  if (!image1 || !image2) return std::nullopt;
-  return MakePair(*image1, *image2);
+  const auto image1 = idxs_.find(row.image_id1);
+  const auto image2 = idxs_.find(row.image_id2);
+  if (image1 == idxs_.end() || image2 == idxs_.end()) return std::nullopt;
+  return MakePair(image1->second, image2->second);
 }
 
 std::vector<std::pair<ImageIdxPair, size_t>> CountRows(

@@ -27,7 +27,6 @@ namespace mgsfm {
 class ImageIdxs {
  public:
   explicit ImageIdxs(const Scene& scene) : idxs_(IndexById(scene.images)) {}
-  std::optional<int> Find(ImageId id) const;
   std::optional<ImageIdxPair> Find(const PairCount& row) const;
 
  private:

@@ -87,8 +87,8 @@ bool IsCalibrated(const Camera& camera1, const Camera& camera2) {
 
 bool IsRotationEnough(const std::vector<size_t>& rotation_inliers,
                       const std::vector<size_t>& homography_inliers) {
-  return static_cast<double>(rotation_inliers.size()) >=
-         kMinRotationRatio * static_cast<double>(homography_inliers.size());
+  return rotation_inliers.size() >=
+         kMinRotationRatio * homography_inliers.size();
 }
 
 // The rays of a pair's matches, and those that agree with a model.
@@ -209,8 +209,7 @@ class PairVerifier {
  private:
   bool HasEnough(size_t num_inliers) const {
     return num_inliers >= static_cast<size_t>(options_.min_num_inliers) &&
-           static_cast<double>(num_inliers) >=
-               options_.min_inlier_ratio * static_cast<double>(matches_.size());
+           num_inliers >= options_.min_inlier_ratio * matches_.size();
   }
 
   // Pairs with a smaller inlier ratio are rejected anyway.
@@ -267,8 +266,8 @@ class PairVerifier {
 
   bool Explains(const std::vector<size_t>& homography_inliers,
                 const std::vector<size_t>& inliers) const {
-    return static_cast<double>(homography_inliers.size()) >
-           options_.max_H_inlier_ratio * static_cast<double>(inliers.size());
+    return homography_inliers.size() >
+           options_.max_H_inlier_ratio * inliers.size();
   }
 
   void VerifyCalibrated() {
