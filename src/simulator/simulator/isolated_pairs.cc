@@ -5,6 +5,7 @@
 #include <set>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
@@ -38,9 +39,8 @@ class IsolatedPairMaker {
         maker_(maker),
         plans_(plans),
         photographs_(*photographs) {
-    for (const SimulatedFeatures& features : photographs_.features) {
-      num_features_.push_back(features.size());
-    }
+    num_features_ =
+        Transformed(photographs_.features, &SimulatedFeatures::size);
   }
 
   std::optional<MadePair> Make(Random* random) {
@@ -184,8 +184,7 @@ class IsolatedPairMaker {
   const PairMaker& maker_;
   const std::vector<PairPlan>& plans_;
   Photographs& photographs_;
-  std::vector<size_t>
-      num_features_;  // per image, excluding features added here
+  std::vector<size_t> num_features_;  // per image, without those added here
   std::set<std::pair<int, int>> made_;
 };
 

@@ -349,8 +349,7 @@ bool PairMaker::IsPanoramic(int image1, int image2,
                                 Ray2(photographs_, image2, match),
                                 max_error_rad);
       });
-  return static_cast<double>(num_explained) >=
-         kPanoramicShare * static_cast<double>(hypothesis.inliers.size());
+  return num_explained >= kPanoramicShare * hypothesis.inliers.size();
 }
 
 MadePair PairMaker::Finish(int image1, int image2,

@@ -21,8 +21,8 @@ constexpr int kMaxNumOriginals = 6, kMaxNumOriginalsAtCuts = 12;
 std::vector<std::vector<int>> ImagesOfFrames(
     const Drive& drive, const std::vector<Exposure>& exposures) {
   std::vector<std::vector<int>> images(drive.num_frames());
-  for (size_t i = 0; i < exposures.size(); ++i) {
-    images[exposures[i].frame].push_back(static_cast<int>(i));
+  for (const int i : Indices(exposures.size())) {
+    images[exposures[i].frame].push_back(i);
   }
   return images;
 }
@@ -191,9 +191,8 @@ std::vector<Views> FindViews(const World& world,
                              const Photographs& photographs) {
   std::vector<Views> views(world.copy_from_original.size());
   const int num_points = static_cast<int>(world.points.size());
-  for (size_t i = 0; i < photographs.features.size(); ++i) {
-    const int image = static_cast<int>(i);
-    for (const int identity : photographs.features[i].identities) {
+  for (const int image : Indices(photographs.features.size())) {
+    for (const int identity : photographs.features[image].identities) {
       if (identity >= num_points) break;
       const WorldPoint& point = world.points[identity];
       if (point.duplicate < 0) continue;

@@ -103,9 +103,8 @@ class CellWalk {
 
   bool IsInside() const { return is_inside_; }
   int Cell() const { return grid_.Cell(cell_[0], cell_[1]); }
-  double Entry() const {
-    return entry_;
-  }  // distance to the entry point of the cell
+  // The distance to the entry point of the cell.
+  double Entry() const { return entry_; }
 
   void Next() {
     const int axis = next_[0] < next_[1] ? 0 : 1;

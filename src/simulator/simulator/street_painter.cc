@@ -54,36 +54,29 @@ double Ground::Field::Interpolate(const Eigen::Vector2d& position) const {
 
 Ground::Ground(const Road& road, const Eigen::AlignedBox2d& box)
     : heights_(box, kHeightCell_m), road_distances_(box, kDistanceCell_m) {
-  for (int row = 0; row <= heights_.grid.num_rows(); ++row) {
-    for (int column = 0; column <= heights_.grid.num_columns(); ++column) {
-      const Eigen::Vector2d corner = heights_.Corner(column, row);
-      double sum = 0.0, weight_sum = 0.0;
-      for (const RoadNode& node : road.nodes()) {
-        const double distance =
-            (node.ground.head<2>() - corner).squaredNorm() + 2.0;
-        const double weight = 1.0 / (distance * distance * distance);
-        sum += weight * node.ground.z();
-        weight_sum += weight;
-      }
-      heights_.At(column, row) = sum / weight_sum;
+  heights_.Fill([&](const Eigen::Vector2d& corner) {
+    double sum = 0.0, weight_sum = 0.0;
+    for (const RoadNode& node : road.nodes()) {
+      const double distance =
+          (node.ground.head<2>() - corner).squaredNorm() + 2.0;
+      const double weight = 1.0 / (distance * distance * distance);
+      sum += weight * node.ground.z();
+      weight_sum += weight;
     }
-  }
+    return sum / weight_sum;
+  });
   max_height_m_ =
       *std::max_element(heights_.values.begin(), heights_.values.end());
 
   const std::vector<Eigen::Vector2d> positions = road.Positions();
   const CellGrid nodes = CellGrid::OfPoints(positions, kMaxRoadDistance_m);
-  for (int row = 0; row <= road_distances_.grid.num_rows(); ++row) {
-    for (int column = 0; column <= road_distances_.grid.num_columns();
-         ++column) {
-      const Eigen::Vector2d corner = road_distances_.Corner(column, row);
-      double& distance = road_distances_.At(column, row);
-      distance = kMaxRoadDistance_m;
-      nodes.ForEachNear(corner, kMaxRoadDistance_m, [&](int i) {
-        distance = std::min(distance, (positions[i] - corner).norm());
-      });
-    }
-  }
+  road_distances_.Fill([&](const Eigen::Vector2d& corner) {
+    double distance = kMaxRoadDistance_m;
+    nodes.ForEachNear(corner, kMaxRoadDistance_m, [&](int i) {
+      distance = std::min(distance, (positions[i] - corner).norm());
+    });
+    return distance;
+  });
 }
 
 double Ground::HeightAt(const Eigen::Vector2d& position) const {

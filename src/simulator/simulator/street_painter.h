@@ -41,8 +41,15 @@ class Ground {
 
     Field(const Eigen::AlignedBox2d& box, double cell_size_m);
     Eigen::Vector2d Corner(int column, int row) const;
-    double& At(int column, int row) {
-      return values[row * (grid.num_columns() + 1) + column];
+    // Sets each value to value_at(corner).
+    template <class Value>
+    void Fill(const Value& value_at) {
+      double* value = values.data();
+      for (int row = 0; row <= grid.num_rows(); ++row) {
+        for (int column = 0; column <= grid.num_columns(); ++column) {
+          *value++ = value_at(Corner(column, row));
+        }
+      }
     }
     double At(int column, int row) const {
       return values[row * (grid.num_columns() + 1) + column];

@@ -86,12 +86,73 @@ class CutInspector {
     return Transformed(plans_of_cut_[cut],
                        [&](const PairPlan& plan) { return FindCommon(plan); });
   }
-  Support SupportOf(const std::vector<Common>& pairs) const;
+
+  Support SupportOf(const std::vector<Common>& pairs) const {
+    const double correct_share = (1.0 - options_.mismatch_ratio) *
+                                 (1.0 - options_.epipolar_outlier_ratio);
+    Support support;
+    for (const Common& common : pairs) {
+      const auto num_points = static_cast<double>(common.points.size());
+      const auto exceeds = [&](double factor) {
+        return correct_share * num_points >=
+                   factor * options_.min_num_matches &&
+               num_points + common.num_like_world >=
+                   factor * common.num_on_vehicle;
+      };
+      if (!exceeds(1.0)) continue;
+      support.num_matches += correct_share * num_points;
+      if (exceeds(kSafetyFactor)) ++support.num_safe_pairs;
+    }
+    return support;
+  }
 
  private:
-  Common FindCommon(const PairPlan& plan) const;
+  Common FindCommon(const PairPlan& plan) const {
+    const std::vector<int>& ids1 =
+        photographs_.features[plan.image1].identities;
+    const std::vector<int>& ids2 =
+        photographs_.features[plan.image2].identities;
+    Common common;
+    common.gap = std::abs(photographs_.exposures[plan.image1].frame -
+                          photographs_.exposures[plan.image2].frame);
+    std::set_intersection(ids1.begin(), ids1.end(), ids2.begin(), ids2.end(),
+                          std::back_inserter(common.points));
+    const auto first_moving = std::lower_bound(
+        common.points.begin(), common.points.end(), num_points_);
+    const auto first_clutter =
+        std::lower_bound(first_moving, common.points.end(), kClutter);
+    std::map<int, int> num_on_vehicles;
+    for (auto identity = first_moving; identity != first_clutter; ++identity) {
+      int& number = num_on_vehicles[detector_.VehicleOf(*identity)];
+      common.num_on_vehicle = std::max(common.num_on_vehicle, ++number);
+    }
+    common.num_like_world = NumLikeWorld(plan, {first_moving, first_clutter});
+    common.points.erase(first_moving, common.points.end());
+    return common;
+  }
+
   int NumLikeWorld(const PairPlan& plan,
-                   const std::vector<int>& identities) const;
+                   const std::vector<int>& identities) const {
+    Rigid3 cam2_from_cam1 =
+        photographs_.exposures[plan.image2].cam_from_world *
+        photographs_.exposures[plan.image1].cam_from_world.Inverse();
+    if (cam2_from_cam1.translation.norm() < 1e-9) return 0;
+    cam2_from_cam1.translation.normalize();
+    const double max_error_rad =
+        options_.max_verification_error_px / kReferenceFocal_px;
+    const auto ray_of = [this](int image,
+                               int identity) -> const Eigen::Vector3d& {
+      const SimulatedFeatures& features = photographs_.features[image];
+      const auto place = std::lower_bound(features.identities.begin(),
+                                          features.identities.end(), identity);
+      return features.rays[place - features.identities.begin()];
+    };
+    return static_cast<int>(CountIf(identities, [&](int identity) {
+      return std::abs(
+                 SampsonAngle(cam2_from_cam1, ray_of(plan.image1, identity),
+                              ray_of(plan.image2, identity))) < max_error_rad;
+    }));
+  }
 
   const SimulationOptions& options_;
   const Detector& detector_;
@@ -99,69 +160,6 @@ class CutInspector {
   const Photographs& photographs_;
   std::vector<std::vector<PairPlan>> plans_of_cut_;
 };
-
-Common CutInspector::FindCommon(const PairPlan& plan) const {
-  const std::vector<int>& ids1 = photographs_.features[plan.image1].identities;
-  const std::vector<int>& ids2 = photographs_.features[plan.image2].identities;
-  Common common;
-  common.gap = std::abs(photographs_.exposures[plan.image1].frame -
-                        photographs_.exposures[plan.image2].frame);
-  std::set_intersection(ids1.begin(), ids1.end(), ids2.begin(), ids2.end(),
-                        std::back_inserter(common.points));
-  const auto first_moving =
-      std::lower_bound(common.points.begin(), common.points.end(), num_points_);
-  const auto first_clutter =
-      std::lower_bound(first_moving, common.points.end(), kClutter);
-  std::map<int, int> num_on_vehicles;
-  for (auto identity = first_moving; identity != first_clutter; ++identity) {
-    int& number = num_on_vehicles[detector_.VehicleOf(*identity)];
-    common.num_on_vehicle = std::max(common.num_on_vehicle, ++number);
-  }
-  common.num_like_world = NumLikeWorld(plan, {first_moving, first_clutter});
-  common.points.erase(first_moving, common.points.end());
-  return common;
-}
-
-int CutInspector::NumLikeWorld(const PairPlan& plan,
-                               const std::vector<int>& identities) const {
-  Rigid3 cam2_from_cam1 =
-      photographs_.exposures[plan.image2].cam_from_world *
-      photographs_.exposures[plan.image1].cam_from_world.Inverse();
-  if (cam2_from_cam1.translation.norm() < 1e-9) return 0;
-  cam2_from_cam1.translation.normalize();
-  const double max_error_rad =
-      options_.max_verification_error_px / kReferenceFocal_px;
-  const auto ray_of = [this](int image,
-                             int identity) -> const Eigen::Vector3d& {
-    const SimulatedFeatures& features = photographs_.features[image];
-    const auto place = std::lower_bound(features.identities.begin(),
-                                        features.identities.end(), identity);
-    return features.rays[place - features.identities.begin()];
-  };
-  return static_cast<int>(CountIf(identities, [&](int identity) {
-    return std::abs(SampsonAngle(cam2_from_cam1, ray_of(plan.image1, identity),
-                                 ray_of(plan.image2, identity))) <
-           max_error_rad;
-  }));
-}
-
-Support CutInspector::SupportOf(const std::vector<Common>& pairs) const {
-  const double correct_share =
-      (1.0 - options_.mismatch_ratio) * (1.0 - options_.epipolar_outlier_ratio);
-  Support support;
-  for (const Common& common : pairs) {
-    const auto num_points = static_cast<double>(common.points.size());
-    const auto exceeds = [&](double factor) {
-      return correct_share * num_points >= factor * options_.min_num_matches &&
-             num_points + common.num_like_world >=
-                 factor * common.num_on_vehicle;
-    };
-    if (!exceeds(1.0)) continue;
-    support.num_matches += correct_share * num_points;
-    if (exceeds(kSafetyFactor)) ++support.num_safe_pairs;
-  }
-  return support;
-}
 
 // Removes the points that are not recognized across a cut.
 void RemoveChanged(uint64_t seed, int cut, double share,
