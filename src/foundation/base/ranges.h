@@ -102,6 +102,17 @@ auto Concatenated(const Lists& lists) {
   return all;
 }
 
+// The items, or `max_size` of them at equal spacing if there are more.
+template <class Items>
+Items EvenlySpaced(const Items& items, size_t max_size) {
+  if (items.size() <= max_size) return items;
+  Items selected;
+  for (size_t i = 0; i < max_size; ++i) {
+    selected.push_back(items[i * items.size() / max_size]);
+  }
+  return selected;
+}
+
 // The larger median of an even number of values, which must not be empty.
 template <class T>
 T UpperMedian(std::vector<T> values) {

@@ -138,11 +138,7 @@ std::map<int, std::vector<ImageIdxPair>> SelectPairs(
   }
   for (auto& [camera_idx, pairs] : pairs_of_camera) {
     std::sort(pairs.begin(), pairs.end());
-    if (pairs.size() <= kMaxNumSampledPairs) continue;
-    for (size_t i = 0; i < kMaxNumSampledPairs; ++i) {
-      pairs[i] = pairs[i * pairs.size() / kMaxNumSampledPairs];
-    }
-    pairs.resize(kMaxNumSampledPairs);
+    pairs = EvenlySpaced(pairs, kMaxNumSampledPairs);
   }
   return pairs_of_camera;
 }

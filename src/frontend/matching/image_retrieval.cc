@@ -68,13 +68,7 @@ std::vector<FeaturePair> PairsOfWords(const WordImage& image1,
       }
     }
   });
-  if (pairs.size() <= kMaxNumPairs) return pairs;
-  // Selects pairs at equal spacing.
-  std::vector<FeaturePair> selected(kMaxNumPairs);
-  for (size_t i = 0; i < kMaxNumPairs; ++i) {
-    selected[i] = pairs[i * pairs.size() / kMaxNumPairs];
-  }
-  return selected;
+  return EvenlySpaced(pairs, kMaxNumPairs);
 }
 
 // The similarity of the image plane that maps feature1 to feature2.

@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <string>
-#include <tuple>
 #include <utility>
 
 #include "base/fingerprint.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranges.h"
 #include "matching/guided_matching.h"
 #include "matching/pair_selection.h"
 #include "mgsfm/base/error.h"
@@ -45,9 +45,8 @@ std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const ImageIdxPair& pair) {
   std::vector<Match> matches = database.ReadMatches(
       scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id);
-  std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
-    return std::tie(a.keypoint_idx1, a.keypoint_idx2) <
-           std::tie(b.keypoint_idx1, b.keypoint_idx2);
+  SortBy(&matches, [](const Match& match) {
+    return std::pair(match.keypoint_idx1, match.keypoint_idx2);
   });
   return matches;
 }

@@ -248,14 +248,9 @@ class PairVerifier {
     RansacOptions ransac = ransac_;
     ransac.max_num_trials =
         RequiredNumTrials(ransac_, options_.max_H_inlier_ratio, 4);
-    std::vector<size_t> sample = inliers;
-    if (sample.size() > kMaxNumHomographyMatches) {
-      sample.resize(kMaxNumHomographyMatches);
-      for (size_t i = 0; i < sample.size(); ++i) {
-        sample[i] = inliers[i * inliers.size() / sample.size()];
-      }
-    }
-    *H = EstimateHomography(rays_.Select(sample), ransac, random_);
+    *H = EstimateHomography(
+        rays_.Select(EvenlySpaced(inliers, kMaxNumHomographyMatches)), ransac,
+        random_);
     if (!*H) return {};
     const HomographyTest test(**H);
     return rays_.Inliers([&](const auto& ray1, const auto& ray2) {

@@ -282,12 +282,9 @@ class Simulator {
     append(MakeIsolatedPairs(options_, rig_, detector, maker, plans,
                              num_of(options_.isolated_wrong_pair_ratio),
                              context_, &photographs_));
-    std::sort(pairs.begin(), pairs.end(),
-              [](const MadePair& a, const MadePair& b) {
-                return a.pair.image_idx1 != b.pair.image_idx1
-                           ? a.pair.image_idx1 < b.pair.image_idx1
-                           : a.pair.image_idx2 < b.pair.image_idx2;
-              });
+    SortBy(&pairs, [](const MadePair& made) {
+      return std::pair(made.pair.image_idx1, made.pair.image_idx2);
+    });
     for (MadePair& pair : pairs) {
       simulation_.view_graph.pairs.push_back(std::move(pair.pair));
       simulation_.pair_kinds.push_back(pair.kind);
