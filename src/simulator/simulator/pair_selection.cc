@@ -97,9 +97,10 @@ std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
 
 // The images with the most points in common, except neighbors, at most one per
 // camera and stretch of neighbors, whatever the shape of the path.
-std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
-                                  const Photographs& photographs, int image,
-                                  int num_points) {
+std::vector<PairPlan> CovisibleOf(const Recording& recording, int image) {
+  const SimulationOptions& options = recording.options;
+  const Photographs& photographs = recording.photographs;
+  const int num_points = static_cast<int>(recording.world.points.size());
   const Exposure& exposure = photographs.exposures[image];
   const auto are_neighbors = [&](const Exposure& a, const Exposure& b) {
     return std::abs(a.frame - b.frame) <= options.num_matched_frames;
@@ -135,19 +136,21 @@ std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
   return plans;
 }
 
-void PlanLoops(const SimulationOptions& options, const Drive& drive,
-               const World& world, const Photographs& photographs,
-               const Context& context, std::vector<PairPlan>* plans) {
+void PlanLoops(const Recording& recording, const Context& context,
+               std::vector<PairPlan>* plans) {
+  const SimulationOptions& options = recording.options;
+  const Photographs& photographs = recording.photographs;
   std::optional<LoopFinder> finder;
-  if (!drive.is_level) finder.emplace(drive, world);
+  if (!recording.drive.is_level) {
+    finder.emplace(recording.drive, recording.world);
+  }
   const std::vector<std::vector<int>> images_of_frames =
-      ImagesOfFrames(drive, photographs.exposures);
-  const int num_points = static_cast<int>(world.points.size());
+      ImagesOfFrames(recording.drive, photographs.exposures);
+  const int num_points = static_cast<int>(recording.world.points.size());
   std::vector<std::vector<PairPlan>> found(photographs.exposures.size());
   const auto find = [&](size_t image) {
     if (!finder) {
-      found[image] = CovisibleOf(options, photographs, static_cast<int>(image),
-                                 num_points);
+      found[image] = CovisibleOf(recording, static_cast<int>(image));
       return;
     }
     const Exposure& exposure = photographs.exposures[image];
@@ -294,29 +297,26 @@ std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
   return plans;
 }
 
-std::vector<PairPlan> PlanPairs(const SimulationOptions& options,
-                                const Drive& drive, const World& world,
-                                const Photographs& photographs,
+std::vector<PairPlan> PlanPairs(const Recording& recording,
                                 const Context& context) {
-  std::vector<PairPlan> plans =
-      PlanNeighbors(options, drive, photographs.exposures);
-  if (options.max_num_loop_images > 0) {
-    PlanLoops(options, drive, world, photographs, context, &plans);
+  std::vector<PairPlan> plans = PlanNeighbors(
+      recording.options, recording.drive, recording.photographs.exposures);
+  if (recording.options.max_num_loop_images > 0) {
+    PlanLoops(recording, context, &plans);
     SortUnique(&plans);
   }
   return plans;
 }
 
-std::vector<PairPlan> PlanDuplicatedPairs(const SimulationOptions& options,
-                                          const World& world,
-                                          const Photographs& photographs,
+std::vector<PairPlan> PlanDuplicatedPairs(const Recording& recording,
                                           const std::vector<PairPlan>& plans,
                                           int num_pairs) {
-  const std::vector<Views> views = FindViews(world, photographs);
+  const std::vector<Views> views =
+      FindViews(recording.world, recording.photographs);
   std::vector<PairPlan> duplicated;
   for (size_t i = 0; i < views.size(); ++i) {
     const auto ranked =
-        RankedPairs(options, views[i], static_cast<int>(i), plans);
+        RankedPairs(recording.options, views[i], static_cast<int>(i), plans);
     // Remaining structures compensate for those with too few pairs.
     const size_t num_structures = views.size() - i;
     const size_t num_wanted =

@@ -101,14 +101,12 @@ class Simulator {
     const Detector detector(options_, rig_, assumed_rig_, *world_,
                             vehicles ? &*vehicles : nullptr);
     DetectFeatures(detector);
-    if (options_.convoy_ratio > 0.0) {
-      HideConvoys(options_, drive_, static_cast<int>(rig_.size()), *world_,
-                  *vehicles, detector, &photographs_);
-    }
-    const WeakCuts weak_cuts(options_, drive_, *world_, detector, photographs_);
-    AddPairs(PairMaker(options_, rig_, *world_, vehicles ? &*vehicles : nullptr,
-                       detector, weak_cuts, photographs_),
-             detector);
+    const Recording recording{
+        options_, rig_,        drive_, *world_, vehicles ? &*vehicles : nullptr,
+        detector, photographs_};
+    if (options_.convoy_ratio > 0.0) HideConvoys(recording);
+    const WeakCuts weak_cuts(recording);
+    AddPairs(recording, PairMaker(recording, weak_cuts));
     AddFeatures();
     AddTruePoses();
     AddTruePoints();
@@ -253,9 +251,8 @@ class Simulator {
   }
 
   // The numbers of wrong pairs are fractions of all pairs.
-  void AddPairs(const PairMaker& maker, const Detector& detector) {
-    std::vector<PairPlan> plans =
-        PlanPairs(options_, drive_, *world_, photographs_, context_);
+  void AddPairs(const Recording& recording, const PairMaker& maker) {
+    std::vector<PairPlan> plans = PlanPairs(recording, context_);
     std::vector<MadePair> pairs = MakePairs(maker, plans);
     const double wrong_ratio =
         options_.isolated_wrong_pair_ratio + options_.duplicated_pair_ratio;
@@ -270,18 +267,17 @@ class Simulator {
     const auto num_of = [num_all](double ratio) {
       return static_cast<int>(std::lround(ratio * num_all));
     };
-    const std::vector<PairPlan> duplicated =
-        PlanDuplicatedPairs(options_, *world_, photographs_, plans,
-                            num_of(options_.duplicated_pair_ratio));
+    const std::vector<PairPlan> duplicated = PlanDuplicatedPairs(
+        recording, plans, num_of(options_.duplicated_pair_ratio));
     const auto append = [&pairs](std::vector<MadePair> more) {
       std::move(more.begin(), more.end(), std::back_inserter(pairs));
     };
     append(MakePairs(maker, duplicated));
     plans.insert(plans.end(), duplicated.begin(), duplicated.end());
     std::sort(plans.begin(), plans.end());
-    append(MakeIsolatedPairs(options_, rig_, detector, maker, plans,
+    append(MakeIsolatedPairs(recording, maker, plans,
                              num_of(options_.isolated_wrong_pair_ratio),
-                             context_, &photographs_));
+                             context_));
     SortBy(&pairs, [](const MadePair& made) {
       return std::pair(made.pair.image_idx1, made.pair.image_idx2);
     });

@@ -61,21 +61,15 @@ struct Support {
 // Counts what connects both sides of the cut between two consecutive frames.
 class CutInspector {
  public:
-  CutInspector(const SimulationOptions& options, const Drive& drive,
-               const Detector& detector, int num_points,
-               const Photographs& photographs)
-      : options_(options),
-        detector_(detector),
-        num_points_(num_points),
-        photographs_(photographs),
-        plans_of_cut_(drive.num_frames()) {
+  explicit CutInspector(const Recording& recording)
+      : r_(recording), plans_of_cut_(recording.drive.num_frames()) {
+    const std::vector<Exposure>& exposures = r_.photographs.exposures;
     for (const PairPlan& plan :
-         PlanNeighbors(options, drive, photographs.exposures)) {
-      const auto [begin, end] =
-          std::minmax({photographs.exposures[plan.image1].frame,
-                       photographs.exposures[plan.image2].frame});
+         PlanNeighbors(r_.options, r_.drive, exposures)) {
+      const auto [begin, end] = std::minmax(
+          {exposures[plan.image1].frame, exposures[plan.image2].frame});
       // Pairs between the ends of a closed drive cross no cut.
-      if (end - begin > options.num_matched_frames) continue;
+      if (end - begin > r_.options.num_matched_frames) continue;
       for (int cut = begin; cut < end; ++cut) {
         plans_of_cut_[cut].push_back(plan);
       }
@@ -88,14 +82,14 @@ class CutInspector {
   }
 
   Support SupportOf(const std::vector<Common>& pairs) const {
-    const double correct_share = (1.0 - options_.mismatch_ratio) *
-                                 (1.0 - options_.epipolar_outlier_ratio);
+    const double correct_share = (1.0 - r_.options.mismatch_ratio) *
+                                 (1.0 - r_.options.epipolar_outlier_ratio);
     Support support;
     for (const Common& common : pairs) {
       const auto num_points = static_cast<double>(common.points.size());
       const auto exceeds = [&](double factor) {
         return correct_share * num_points >=
-                   factor * options_.min_num_matches &&
+                   factor * r_.options.min_num_matches &&
                num_points + common.num_like_world >=
                    factor * common.num_on_vehicle;
       };
@@ -109,21 +103,22 @@ class CutInspector {
  private:
   Common FindCommon(const PairPlan& plan) const {
     const std::vector<int>& ids1 =
-        photographs_.features[plan.image1].identities;
+        r_.photographs.features[plan.image1].identities;
     const std::vector<int>& ids2 =
-        photographs_.features[plan.image2].identities;
+        r_.photographs.features[plan.image2].identities;
     Common common;
-    common.gap = std::abs(photographs_.exposures[plan.image1].frame -
-                          photographs_.exposures[plan.image2].frame);
+    common.gap = std::abs(r_.photographs.exposures[plan.image1].frame -
+                          r_.photographs.exposures[plan.image2].frame);
     std::set_intersection(ids1.begin(), ids1.end(), ids2.begin(), ids2.end(),
                           std::back_inserter(common.points));
-    const auto first_moving = std::lower_bound(
-        common.points.begin(), common.points.end(), num_points_);
+    const auto first_moving =
+        std::lower_bound(common.points.begin(), common.points.end(),
+                         static_cast<int>(r_.world.points.size()));
     const auto first_clutter =
         std::lower_bound(first_moving, common.points.end(), kClutter);
     std::map<int, int> num_on_vehicles;
     for (auto identity = first_moving; identity != first_clutter; ++identity) {
-      int& number = num_on_vehicles[detector_.VehicleOf(*identity)];
+      int& number = num_on_vehicles[r_.detector.VehicleOf(*identity)];
       common.num_on_vehicle = std::max(common.num_on_vehicle, ++number);
     }
     common.num_like_world = NumLikeWorld(plan, {first_moving, first_clutter});
@@ -134,15 +129,15 @@ class CutInspector {
   int NumLikeWorld(const PairPlan& plan,
                    const std::vector<int>& identities) const {
     Rigid3 cam2_from_cam1 =
-        photographs_.exposures[plan.image2].cam_from_world *
-        photographs_.exposures[plan.image1].cam_from_world.Inverse();
+        r_.photographs.exposures[plan.image2].cam_from_world *
+        r_.photographs.exposures[plan.image1].cam_from_world.Inverse();
     if (cam2_from_cam1.translation.norm() < 1e-9) return 0;
     cam2_from_cam1.translation.normalize();
     const double max_error_rad =
-        options_.max_verification_error_px / kReferenceFocal_px;
+        r_.options.max_verification_error_px / kReferenceFocal_px;
     const auto ray_of = [this](int image,
                                int identity) -> const Eigen::Vector3d& {
-      const SimulatedFeatures& features = photographs_.features[image];
+      const SimulatedFeatures& features = r_.photographs.features[image];
       const auto place = std::lower_bound(features.identities.begin(),
                                           features.identities.end(), identity);
       return features.rays[place - features.identities.begin()];
@@ -154,10 +149,7 @@ class CutInspector {
     }));
   }
 
-  const SimulationOptions& options_;
-  const Detector& detector_;
-  const int num_points_;
-  const Photographs& photographs_;
+  const Recording& r_;
   std::vector<std::vector<PairPlan>> plans_of_cut_;
 };
 
@@ -244,15 +236,13 @@ std::vector<int> PlanWeakCuts(const SimulationOptions& options,
   return cuts;
 }
 
-WeakCuts::WeakCuts(const SimulationOptions& options, const Drive& drive,
-                   const World& world, const Detector& detector,
-                   const Photographs& photographs)
-    : seed_(options.random_seed), max_gap_(options.num_matched_frames) {
-  if (world.weak_cuts.empty()) return;
-  const CutInspector inspector(options, drive, detector,
-                               static_cast<int>(world.points.size()),
-                               photographs);
-  for (const int cut : world.weak_cuts) {
+WeakCuts::WeakCuts(const Recording& recording)
+    : seed_(recording.options.random_seed),
+      max_gap_(recording.options.num_matched_frames) {
+  if (recording.world.weak_cuts.empty()) return;
+  const SimulationOptions& options = recording.options;
+  const CutInspector inspector(recording);
+  for (const int cut : recording.world.weak_cuts) {
     Random random =
         RandomOf(seed_, Effect::kWeakCuts, 2 * static_cast<uint64_t>(cut) + 2);
     const double num_matches = random.Uniform(options.min_num_weak_cut_matches,
@@ -273,21 +263,20 @@ bool WeakCuts::AreSeenAlike(int frame1, int frame2, int identity) const {
              cut->share * ShareOfGap(end - begin);
 }
 
-void HideConvoys(const SimulationOptions& options, const Drive& drive,
-                 int num_cameras, const World& world, const Vehicles& vehicles,
-                 const Detector& detector, Photographs* photographs) {
-  const CutInspector inspector(options, drive, detector,
-                               static_cast<int>(world.points.size()),
-                               *photographs);
-  for (int cut = 0; cut + 1 < drive.num_frames(); ++cut) {
-    const auto convoy = vehicles.ConvoyAt(drive.TimeOfFrame(cut));
+void HideConvoys(const Recording& recording) {
+  const CutInspector inspector(recording);
+  const int num_cameras = static_cast<int>(recording.rig.size());
+  for (int cut = 0; cut + 1 < recording.drive.num_frames(); ++cut) {
+    const auto convoy =
+        recording.vehicles->ConvoyAt(recording.drive.TimeOfFrame(cut));
     if (!convoy) continue;
     for (int i = 0; i < num_cameras; ++i) {
       if (inspector.SupportOf(inspector.FindCommon(cut))
-              .IsEnough(options.min_num_weak_cut_matches)) {
+              .IsEnough(recording.options.min_num_weak_cut_matches)) {
         break;
       }
-      HideInCamera(detector, (*convoy + i) % num_cameras, cut, photographs);
+      HideInCamera(recording.detector, (*convoy + i) % num_cameras, cut,
+                   &recording.photographs);
     }
   }
 }
