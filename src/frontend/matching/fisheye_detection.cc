@@ -105,8 +105,7 @@ SampledPair ReadPair(const FeatureDatabase& database, const Scene& scene,
   const std::vector<Match> matches =
       has_sift ? MatchDescriptors(views[0], views[1], options)
                : ReadMatchesOfPair(database, scene, pair);
-  CheckMatches(matches, keypoints[0].size(), keypoints[1].size(),
-               scene.images[idxs[0]].name, scene.images[idxs[1]].name);
+  CheckMatches(scene, pair, matches, keypoints[0].size(), keypoints[1].size());
   const size_t step = matches.size() / kMaxNumMatches + 1;
   for (size_t i = 0; i < matches.size(); i += step) {
     const FeatureKeypoint& a = keypoints[0][matches[i].keypoint_idx1];

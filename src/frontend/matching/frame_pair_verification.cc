@@ -268,11 +268,7 @@ class UnitPass {
         cache_.AddToBatch(pair.image_idx1, false);
         cache_.AddToBatch(pair.image_idx2, false);
         lists.push_back(ReadMatchesOfPair(databases_, scene_, pair));
-        CheckMatches(lists.back(),
-                     cache_.Get(pair.image_idx1).keypoints_px.size(),
-                     cache_.Get(pair.image_idx2).keypoints_px.size(),
-                     scene_.images[pair.image_idx1].name,
-                     scene_.images[pair.image_idx2].name);
+        cache_.Check(pair, lists.back());
       }
       inputs_.push_back(std::move(lists));
       ++*next;
@@ -355,9 +351,9 @@ class UnitPass {
   void Write() {
     DatabaseTransaction transaction(&databases_.output);
     for (const Result& result : results_) {
-      databases_.output.WriteTwoViewGeometry(MakePairRow(
-          scene_.images[result.pair.image_idx1].id,
-          scene_.images[result.pair.image_idx2].id, *result.changed));
+      const auto [id1, id2] = IdsOf(scene_, result.pair);
+      databases_.output.WriteTwoViewGeometry(
+          MakePairRow(id1, id2, *result.changed));
     }
     transaction.Commit();
   }

@@ -124,8 +124,7 @@ void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
   };
   for (const ListedMatches& list : lists) {
     const auto [idx1, idx2] = list.images;
-    CheckMatches(list.matches, count(idx1), count(idx2),
-                 scene.images[idx1].name, scene.images[idx2].name);
+    CheckMatches(scene, list.images, list.matches, count(idx1), count(idx2));
   }
 }
 
@@ -135,8 +134,7 @@ void WriteListedMatches(const Scene& scene,
                         MatchListType type, FeatureDatabase* database) {
   DatabaseTransaction transaction(database);
   for (const ListedMatches& list : lists) {
-    const ImageId id1 = scene.images[list.images.image_idx1].id;
-    const ImageId id2 = scene.images[list.images.image_idx2].id;
+    const auto [id1, id2] = IdsOf(scene, list.images);
     if (!database->HasMatches(id1, id2)) {
       database->WriteMatches(id1, id2, list.matches);
     }

@@ -135,8 +135,7 @@ PairMatcher::Result PairMatcher::MatchPair(const ImageIdxPair& pair,
   const auto& features1 = cache_.Get(pair.image_idx1);
   const auto& features2 = cache_.Get(pair.image_idx2);
   if (has_matches) {
-    CheckMatches(matches, features1.keypoints_px.size(),
-                 features2.keypoints_px.size(), image1.name, image2.name);
+    cache_.Check(pair, matches);
   } else {
     matches = MatchGuided(
         {features1.View(scene_.cameras[image1.camera_idx]),
@@ -157,14 +156,12 @@ void PairMatcher::Write(const std::vector<ImageIdxPair>& batch,
   DatabaseTransaction transaction(&databases_.output);
   for (size_t i = 0; i < batch.size(); ++i) {
     const Result& result = results[i];
+    const auto [id1, id2] = IdsOf(scene_, batch[i]);
     if (result.has_new_matches) {
-      databases_.output.WriteMatches(scene_.images[batch[i].image_idx1].id,
-                                     scene_.images[batch[i].image_idx2].id,
-                                     result.matches);
+      databases_.output.WriteMatches(id1, id2, result.matches);
     }
     databases_.output.WriteTwoViewGeometry(
-        MakePairRow(scene_.images[batch[i].image_idx1].id,
-                    scene_.images[batch[i].image_idx2].id, result.verified));
+        MakePairRow(id1, id2, result.verified));
   }
   transaction.Commit();
   for (size_t i = 0; i < batch.size(); ++i) {

@@ -40,11 +40,16 @@ std::vector<std::pair<ImageIdxPair, size_t>> CountRows(
   return pairs;
 }
 
+std::pair<ImageId, ImageId> IdsOf(const Scene& scene,
+                                  const ImageIdxPair& pair) {
+  return {scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id};
+}
+
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const Scene& scene,
                                      const ImageIdxPair& pair) {
-  std::vector<Match> matches = database.ReadMatches(
-      scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id);
+  const auto [id1, id2] = IdsOf(scene, pair);
+  std::vector<Match> matches = database.ReadMatches(id1, id2);
   SortBy(&matches, [](const Match& match) {
     return std::pair(match.keypoint_idx1, match.keypoint_idx2);
   });
@@ -54,23 +59,23 @@ std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
 std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
                                      const Scene& scene,
                                      const ImageIdxPair& pair) {
+  const auto [id1, id2] = IdsOf(scene, pair);
   const bool is_output =
-      databases.AreOne() ||
-      databases.output.HasMatches(scene.images[pair.image_idx1].id,
-                                  scene.images[pair.image_idx2].id);
+      databases.AreOne() || databases.output.HasMatches(id1, id2);
   return ReadMatchesOfPair(is_output ? databases.output : databases.features,
                            scene, pair);
 }
 
-void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
-                  size_t num_keypoints2, const std::string& image_name1,
-                  const std::string& image_name2) {
+void CheckMatches(const Scene& scene, const ImageIdxPair& pair,
+                  const std::vector<Match>& matches, size_t num_keypoints1,
+                  size_t num_keypoints2) {
   for (const Match& match : matches) {
     if (match.keypoint_idx1 < num_keypoints1 &&
         match.keypoint_idx2 < num_keypoints2) {
       continue;
     }
-    throw Error("a match of images '" + image_name1 + "' and '" + image_name2 +
+    throw Error("a match of images '" + scene.images[pair.image_idx1].name +
+                "' and '" + scene.images[pair.image_idx2].name +
                 "' refers to keypoints " + std::to_string(match.keypoint_idx1) +
                 " and " + std::to_string(match.keypoint_idx2) +
                 ", but the images have " + std::to_string(num_keypoints1) +
@@ -117,6 +122,12 @@ bool FeatureCache::HasRoomFor(int image_idx) const {
   const auto found = features_.find(image_idx);
   return (found != features_.end() && found->second.last_batch == batch_) ||
          num_batch_bytes_ < max_num_bytes_;
+}
+
+void FeatureCache::Check(const ImageIdxPair& pair,
+                         const std::vector<Match>& matches) const {
+  CheckMatches(scene_, pair, matches, Get(pair.image_idx1).keypoints_px.size(),
+               Get(pair.image_idx2).keypoints_px.size());
 }
 
 void FeatureCache::AddToBatch(int image_idx, bool needs_descriptors) {

@@ -33,6 +33,8 @@ class ImageIdxs {
   std::map<ImageId, int> idxs_;
 };
 
+std::pair<ImageId, ImageId> IdsOf(const Scene& scene, const ImageIdxPair& pair);
+
 // The database with the features, which may be read-only, and the database for
 // matches. They are the same, or the second is a shard.
 struct MatchDatabases {
@@ -57,9 +59,9 @@ std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
                                      const ImageIdxPair& pair);
 
 // Throws Error, naming the images, if a match refers to a missing keypoint.
-void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
-                  size_t num_keypoints2, const std::string& image_name1,
-                  const std::string& image_name2);
+void CheckMatches(const Scene& scene, const ImageIdxPair& pair,
+                  const std::vector<Match>& matches, size_t num_keypoints1,
+                  size_t num_keypoints2);
 
 // Seed of a pair that depends on names only, not on ids or processing order.
 uint64_t PairSeed(const std::string& image_name1,
@@ -109,6 +111,8 @@ class FeatureCache {
   const ImageFeatures& Get(int image_idx) const {
     return features_.at(image_idx);
   }
+  // CheckMatches() of two images of the batch.
+  void Check(const ImageIdxPair& pair, const std::vector<Match>& matches) const;
 
  private:
   void Read(int image_idx);
