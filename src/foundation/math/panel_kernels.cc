@@ -14,8 +14,11 @@ namespace {
 constexpr int kTileRows = 8;
 constexpr int kTileColumns = 6;
 
-// Four numbers in a register, or at any address.
-typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
+// Four numbers in a register, and at any address. `auto` would deduce the first
+// from the second.
+typedef double Four __attribute__((vector_size(32)));
+typedef double StoredFour
+    __attribute__((vector_size(32), aligned(8), may_alias));
 
 struct Tile {
   Four fours[kTileColumns][2];
@@ -27,7 +30,7 @@ MGSFM_ALWAYS_INLINE void ComputeTile(const double* rows, int stride,
                                      const double* b, int k, Tile* tile) {
   Four sums[kTileColumns][2] = {};
   for (int p = 0; p < k; ++p) {
-    const auto* fours = reinterpret_cast<const Four*>(rows);
+    const StoredFour* fours = reinterpret_cast<const StoredFour*>(rows);
     const Four low = fours[0], high = fours[1];
     for (int j = 0; j < kTileColumns; ++j) {
       sums[j][0] += low * b[j];
@@ -56,7 +59,7 @@ MGSFM_ALWAYS_INLINE void SubtractTile(const Tile& tile, int i, int j, int m,
         target.columns == nullptr ? j + c : target.columns[j + c];
     double* to = target.values + static_cast<size_t>(column) * target.stride;
     if (is_contiguous && num_rows == kTileRows) {
-      auto* fours = reinterpret_cast<Four*>(to + first);
+      StoredFour* fours = reinterpret_cast<StoredFour*>(to + first);
       fours[0] -= tile.fours[c][0];
       fours[1] -= tile.fours[c][1];
       continue;
