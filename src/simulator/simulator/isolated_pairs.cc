@@ -28,12 +28,12 @@ constexpr double kUnrelatedShare = 0.34;
 
 class IsolatedPairMaker {
  public:
-  IsolatedPairMaker(const Recording& recording, const PairMaker& maker,
+  IsolatedPairMaker(const Footage& footage, const PairMaker& maker,
                     const std::vector<PairPlan>& plans)
-      : r_(recording),
+      : r_(footage),
         maker_(maker),
         plans_(plans),
-        num_features_(Transformed(recording.photographs.features,
+        num_features_(Transformed(footage.photographs.features,
                                   &SimulatedFeatures::size)) {}
 
   std::optional<MadePair> Make(Random* random) {
@@ -171,7 +171,7 @@ class IsolatedPairMaker {
     features.rays.resize(num_before);
   }
 
-  const Recording& r_;
+  const Footage& r_;
   const PairMaker& maker_;
   const std::vector<PairPlan>& plans_;
   std::vector<size_t> num_features_;  // per image, without those added here
@@ -180,15 +180,15 @@ class IsolatedPairMaker {
 
 }  // namespace
 
-std::vector<MadePair> MakeIsolatedPairs(const Recording& recording,
+std::vector<MadePair> MakeIsolatedPairs(const Footage& footage,
                                         const PairMaker& maker,
                                         const std::vector<PairPlan>& plans,
                                         int num_pairs, const Context& context) {
-  IsolatedPairMaker isolated(recording, maker, plans);
+  IsolatedPairMaker isolated(footage, maker, plans);
   std::vector<MadePair> pairs;
   for (int i = 0; i < num_pairs; ++i) {
     Random random =
-        RandomOf(recording.options.random_seed, Effect::kIsolatedPairs, i);
+        RandomOf(footage.options.random_seed, Effect::kIsolatedPairs, i);
     auto pair = isolated.Make(&random);
     if (pair) pairs.push_back(std::move(*pair));
     if (i % 64 == 0) {

@@ -20,8 +20,8 @@ struct MadePair {
 class PairMaker {
  public:
   // Both arguments must outlive this object.
-  PairMaker(const Recording& recording, const WeakCuts& weak_cuts)
-      : r_(recording), weak_cuts_(weak_cuts) {}
+  PairMaker(const Footage& footage, const WeakCuts& weak_cuts)
+      : r_(footage), weak_cuts_(weak_cuts) {}
 
   // nullopt if there are too few common points or verified matches.
   std::optional<MadePair> Make(const PairPlan& plan) const;
@@ -58,15 +58,15 @@ class PairMaker {
   bool IsPanoramic(int image1, int image2, const Hypothesis& hypothesis) const;
   Random RandomOfPair(Effect effect, int image1, int image2) const;
 
-  const Recording& r_;
+  const Footage& r_;
   const WeakCuts& weak_cuts_;
 };
 
 // Verified pairs of images of unrelated places that are not in `plans`, at most
 // `num_pairs`. Their matches are consistent with a plausible motion. They
 // connect features that fit by chance, and new features appended to the images.
-// `maker` must refer to the same recording.
-std::vector<MadePair> MakeIsolatedPairs(const Recording& recording,
+// `maker` must refer to the same footage.
+std::vector<MadePair> MakeIsolatedPairs(const Footage& footage,
                                         const PairMaker& maker,
                                         const std::vector<PairPlan>& plans,
                                         int num_pairs, const Context& context);

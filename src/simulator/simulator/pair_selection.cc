@@ -97,10 +97,10 @@ std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
 
 // The images with the most points in common, except neighbors, at most one per
 // camera and stretch of neighbors, whatever the shape of the path.
-std::vector<PairPlan> CovisibleOf(const Recording& recording, int image) {
-  const SimulationOptions& options = recording.options;
-  const Photographs& photographs = recording.photographs;
-  const int num_points = static_cast<int>(recording.world.points.size());
+std::vector<PairPlan> CovisibleOf(const Footage& footage, int image) {
+  const SimulationOptions& options = footage.options;
+  const Photographs& photographs = footage.photographs;
+  const int num_points = static_cast<int>(footage.world.points.size());
   const Exposure& exposure = photographs.exposures[image];
   const auto are_neighbors = [&](const Exposure& a, const Exposure& b) {
     return std::abs(a.frame - b.frame) <= options.num_matched_frames;
@@ -136,21 +136,21 @@ std::vector<PairPlan> CovisibleOf(const Recording& recording, int image) {
   return plans;
 }
 
-void PlanLoops(const Recording& recording, const Context& context,
+void PlanLoops(const Footage& footage, const Context& context,
                std::vector<PairPlan>* plans) {
-  const SimulationOptions& options = recording.options;
-  const Photographs& photographs = recording.photographs;
+  const SimulationOptions& options = footage.options;
+  const Photographs& photographs = footage.photographs;
   std::optional<LoopFinder> finder;
-  if (!recording.drive.is_level) {
-    finder.emplace(recording.drive, recording.world);
+  if (!footage.drive.is_level) {
+    finder.emplace(footage.drive, footage.world);
   }
   const std::vector<std::vector<int>> images_of_frames =
-      ImagesOfFrames(recording.drive, photographs.exposures);
-  const int num_points = static_cast<int>(recording.world.points.size());
+      ImagesOfFrames(footage.drive, photographs.exposures);
+  const int num_points = static_cast<int>(footage.world.points.size());
   std::vector<std::vector<PairPlan>> found(photographs.exposures.size());
   const auto find = [&](size_t image) {
     if (!finder) {
-      found[image] = CovisibleOf(recording, static_cast<int>(image));
+      found[image] = CovisibleOf(footage, static_cast<int>(image));
       return;
     }
     const Exposure& exposure = photographs.exposures[image];
@@ -297,26 +297,26 @@ std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
   return plans;
 }
 
-std::vector<PairPlan> PlanPairs(const Recording& recording,
+std::vector<PairPlan> PlanPairs(const Footage& footage,
                                 const Context& context) {
-  std::vector<PairPlan> plans = PlanNeighbors(
-      recording.options, recording.drive, recording.photographs.exposures);
-  if (recording.options.max_num_loop_images > 0) {
-    PlanLoops(recording, context, &plans);
+  std::vector<PairPlan> plans = PlanNeighbors(footage.options, footage.drive,
+                                              footage.photographs.exposures);
+  if (footage.options.max_num_loop_images > 0) {
+    PlanLoops(footage, context, &plans);
     SortUnique(&plans);
   }
   return plans;
 }
 
-std::vector<PairPlan> PlanDuplicatedPairs(const Recording& recording,
+std::vector<PairPlan> PlanDuplicatedPairs(const Footage& footage,
                                           const std::vector<PairPlan>& plans,
                                           int num_pairs) {
   const std::vector<Views> views =
-      FindViews(recording.world, recording.photographs);
+      FindViews(footage.world, footage.photographs);
   std::vector<PairPlan> duplicated;
   for (size_t i = 0; i < views.size(); ++i) {
     const auto ranked =
-        RankedPairs(recording.options, views[i], static_cast<int>(i), plans);
+        RankedPairs(footage.options, views[i], static_cast<int>(i), plans);
     // Remaining structures compensate for those with too few pairs.
     const size_t num_structures = views.size() - i;
     const size_t num_wanted =

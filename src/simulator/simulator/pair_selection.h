@@ -29,7 +29,7 @@ struct Photographs {
 };
 
 // A drive whose images have features. Refers to data that must outlive it.
-struct Recording {
+struct Footage {
   const SimulationOptions& options;
   const std::vector<SimulatedCamera>& rig;
   const Drive& drive;
@@ -49,13 +49,12 @@ std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
                                     const std::vector<Exposure>& exposures);
 
 // Temporal neighbors and pairs of revisited places, sorted.
-std::vector<PairPlan> PlanPairs(const Recording& recording,
-                                const Context& context);
+std::vector<PairPlan> PlanPairs(const Footage& footage, const Context& context);
 
 // Pairs of an image of an original structure and one of its duplicate, at most
 // `num_pairs`, about equally many per structure, those with the most points in
 // common. Excludes `plans`. Sorted.
-std::vector<PairPlan> PlanDuplicatedPairs(const Recording& recording,
+std::vector<PairPlan> PlanDuplicatedPairs(const Footage& footage,
                                           const std::vector<PairPlan>& plans,
                                           int num_pairs);
 

@@ -101,12 +101,12 @@ class Simulator {
     const Detector detector(options_, rig_, assumed_rig_, *world_,
                             vehicles ? &*vehicles : nullptr);
     DetectFeatures(detector);
-    const Recording recording{
+    const Footage footage{
         options_, rig_,        drive_, *world_, vehicles ? &*vehicles : nullptr,
         detector, photographs_};
-    if (options_.convoy_ratio > 0.0) HideConvoys(recording);
-    const WeakCuts weak_cuts(recording);
-    AddPairs(recording, PairMaker(recording, weak_cuts));
+    if (options_.convoy_ratio > 0.0) HideConvoys(footage);
+    const WeakCuts weak_cuts(footage);
+    AddPairs(footage, PairMaker(footage, weak_cuts));
     AddFeatures();
     AddTruePoses();
     AddTruePoints();
@@ -251,8 +251,8 @@ class Simulator {
   }
 
   // The numbers of wrong pairs are fractions of all pairs.
-  void AddPairs(const Recording& recording, const PairMaker& maker) {
-    std::vector<PairPlan> plans = PlanPairs(recording, context_);
+  void AddPairs(const Footage& footage, const PairMaker& maker) {
+    std::vector<PairPlan> plans = PlanPairs(footage, context_);
     std::vector<MadePair> pairs = MakePairs(maker, plans);
     const double wrong_ratio =
         options_.isolated_wrong_pair_ratio + options_.duplicated_pair_ratio;
@@ -268,14 +268,14 @@ class Simulator {
       return static_cast<int>(std::lround(ratio * num_all));
     };
     const std::vector<PairPlan> duplicated = PlanDuplicatedPairs(
-        recording, plans, num_of(options_.duplicated_pair_ratio));
+        footage, plans, num_of(options_.duplicated_pair_ratio));
     const auto append = [&pairs](std::vector<MadePair> more) {
       std::move(more.begin(), more.end(), std::back_inserter(pairs));
     };
     append(MakePairs(maker, duplicated));
     plans.insert(plans.end(), duplicated.begin(), duplicated.end());
     std::sort(plans.begin(), plans.end());
-    append(MakeIsolatedPairs(recording, maker, plans,
+    append(MakeIsolatedPairs(footage, maker, plans,
                              num_of(options_.isolated_wrong_pair_ratio),
                              context_));
     SortBy(&pairs, [](const MadePair& made) {

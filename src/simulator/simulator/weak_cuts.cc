@@ -61,8 +61,8 @@ struct Support {
 // Counts what connects both sides of the cut between two consecutive frames.
 class CutInspector {
  public:
-  explicit CutInspector(const Recording& recording)
-      : r_(recording), plans_of_cut_(recording.drive.num_frames()) {
+  explicit CutInspector(const Footage& footage)
+      : r_(footage), plans_of_cut_(footage.drive.num_frames()) {
     const std::vector<Exposure>& exposures = r_.photographs.exposures;
     for (const PairPlan& plan :
          PlanNeighbors(r_.options, r_.drive, exposures)) {
@@ -149,7 +149,7 @@ class CutInspector {
     }));
   }
 
-  const Recording& r_;
+  const Footage& r_;
   std::vector<std::vector<PairPlan>> plans_of_cut_;
 };
 
@@ -236,13 +236,13 @@ std::vector<int> PlanWeakCuts(const SimulationOptions& options,
   return cuts;
 }
 
-WeakCuts::WeakCuts(const Recording& recording)
-    : seed_(recording.options.random_seed),
-      max_gap_(recording.options.num_matched_frames) {
-  if (recording.world.weak_cuts.empty()) return;
-  const SimulationOptions& options = recording.options;
-  const CutInspector inspector(recording);
-  for (const int cut : recording.world.weak_cuts) {
+WeakCuts::WeakCuts(const Footage& footage)
+    : seed_(footage.options.random_seed),
+      max_gap_(footage.options.num_matched_frames) {
+  if (footage.world.weak_cuts.empty()) return;
+  const SimulationOptions& options = footage.options;
+  const CutInspector inspector(footage);
+  for (const int cut : footage.world.weak_cuts) {
     Random random =
         RandomOf(seed_, Effect::kWeakCuts, 2 * static_cast<uint64_t>(cut) + 2);
     const double num_matches = random.Uniform(options.min_num_weak_cut_matches,
@@ -263,20 +263,20 @@ bool WeakCuts::AreSeenAlike(int frame1, int frame2, int identity) const {
              cut->share * ShareOfGap(end - begin);
 }
 
-void HideConvoys(const Recording& recording) {
-  const CutInspector inspector(recording);
-  const int num_cameras = static_cast<int>(recording.rig.size());
-  for (int cut = 0; cut + 1 < recording.drive.num_frames(); ++cut) {
+void HideConvoys(const Footage& footage) {
+  const CutInspector inspector(footage);
+  const int num_cameras = static_cast<int>(footage.rig.size());
+  for (int cut = 0; cut + 1 < footage.drive.num_frames(); ++cut) {
     const auto convoy =
-        recording.vehicles->ConvoyAt(recording.drive.TimeOfFrame(cut));
+        footage.vehicles->ConvoyAt(footage.drive.TimeOfFrame(cut));
     if (!convoy) continue;
     for (int i = 0; i < num_cameras; ++i) {
       if (inspector.SupportOf(inspector.FindCommon(cut))
-              .IsEnough(recording.options.min_num_weak_cut_matches)) {
+              .IsEnough(footage.options.min_num_weak_cut_matches)) {
         break;
       }
-      HideInCamera(recording.detector, (*convoy + i) % num_cameras, cut,
-                   &recording.photographs);
+      HideInCamera(footage.detector, (*convoy + i) % num_cameras, cut,
+                   &footage.photographs);
     }
   }
 }
