@@ -4,7 +4,6 @@
 // all others at their defaults.
 #include <cmath>
 
-#include "base/option_range.h"
 #include "cli/program_runs.h"
 #include "commands.h"
 #include "mgsfm/models/model_io.h"
@@ -26,7 +25,7 @@ TEST(OptionRanges, AreFiniteAndContainTheDefaults) {
         const bool is_count =
             std::holds_alternative<int>(entry.get()) && !entry.unit.empty();
         if (!is_real && !is_count) continue;
-        const Range range = RangeOf(entry);
+        const Range range = entry.UsableRange();
         EXPECT_TRUE(std::isfinite(range.min) && std::isfinite(range.max))
             << command.name << entry.name;
         EXPECT_NO_THROW(
@@ -41,7 +40,7 @@ TEST(OptionRanges, AreFiniteAndContainTheDefaults) {
 std::vector<std::string> Extremes(const OptionEntry& entry) {
   if (!entry.choices.empty()) return entry.choices;
   const OptionValue value = entry.default_value;
-  const Range range = RangeOf(entry);
+  const Range range = entry.UsableRange();
   std::vector<OptionValue> values;
   if (std::holds_alternative<bool>(value)) {
     values = {false, true};

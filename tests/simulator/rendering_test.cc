@@ -195,7 +195,8 @@ TEST(GroundTest, RaysMeetItFirstWhereStepsDo) {
   options.num_frames = 60;
   const Drive drive = MakeDrive(options, {});
   const Road road(drive, 20);
-  const Ground ground(road, {-100, -100}, {100, 100});
+  const Ground ground(road,
+                      {Eigen::Vector2d(-100, -100), Eigen::Vector2d(100, 100)});
   const Eigen::Vector3d origin =
       road.level_from_world() * drive.PoseOfFrame(10).Center();
   for (int i = 0; i < 200; ++i) {

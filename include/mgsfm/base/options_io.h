@@ -35,6 +35,11 @@ struct OptionEntry {
   std::string Section() const;
   // The default is unusable, so the user must set the option.
   bool IsRequired() const;
+  // The range, with default limits where the option has none: the largest
+  // meaningful value in its unit, and the smallest for positive numbers. These
+  // limits prevent endless loops, absurd allocations, and overflow in squares
+  // and quotients.
+  Range UsableRange() const;
 };
 
 using OptionList = std::vector<OptionEntry>;

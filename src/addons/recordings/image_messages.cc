@@ -99,12 +99,6 @@ cv::Mat RawPixels(const ImageMessage& message, int type) {
   return image;
 }
 
-bool HasImage(const std::filesystem::path& path) {
-  std::error_code ignored;
-  return std::filesystem::is_regular_file(path, ignored) &&
-         std::filesystem::file_size(path, ignored) > 0;
-}
-
 }  // namespace
 
 bool IsImageTopic(const RecordingTopic& topic) {
@@ -195,7 +189,7 @@ void WriteImageMessage(const RecordingTopic& topic,
     return task->path.string() + extension;
   };
   task->was_present =
-      HasImage(path_with(".png")) || HasImage(path_with(".jpg"));
+      IsWritten(path_with(".png")) || IsWritten(path_with(".jpg"));
   if (task->was_present) return;
   try {
     if (topic.type != "sensor_msgs/Image") {

@@ -2,14 +2,11 @@
 #pragma once
 
 #include <ceres/cost_function.h>
-#include <ceres/loss_function.h>
 #include <ceres/sized_cost_function.h>
 
 #include <Eigen/Core>
 #include <utility>
 #include <vector>
-
-#include "math/robust_loss.h"
 
 namespace mgsfm {
 
@@ -131,22 +128,6 @@ class RowCost : public ceres::CostFunction {
  private:
   const std::vector<Eigen::Vector3d> row_;
   const double weight_;
-};
-
-// The losses of the library, with a scale that may change between solves.
-class AnnealedLoss : public ceres::LossFunction {
- public:
-  explicit AnnealedLoss(const RobustLoss& loss) : loss_(loss) {}
-  void SetScale(double scale) { loss_.scale = scale; }
-  void Evaluate(double s, double out[3]) const override {
-    const LossValue value = loss_.Evaluate(s);
-    out[0] = value.rho;
-    out[1] = value.d1;
-    out[2] = value.d2;
-  }
-
- private:
-  RobustLoss loss_;
 };
 
 }  // namespace mgsfm

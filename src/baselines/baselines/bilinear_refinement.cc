@@ -176,7 +176,7 @@ class BilinearProblem {
   const Positions initial_;
   Positions& positions_;
   std::vector<double> scales_;
-  AnnealedLoss loss_;
+  CeresLoss loss_;
   ceres::Problem problem_;
 };
 

@@ -17,8 +17,8 @@ namespace mgsfm {
 enum class TranslationSource {
   kAuto,  // hybrid; relative_translations for the objective distance
   kRelativeTranslations,  // pairs alone; the tracks are triangulated
-  kTracks,                // no pairs: everything starts at random
-                          // (random_start.h) and is solved for once
+  kTracks,                // no pairs: everything starts at random and is
+                          // solved for once
   kHybrid,                // pairs, then tracks
 };
 

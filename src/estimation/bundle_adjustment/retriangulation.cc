@@ -12,7 +12,7 @@
 #include "base/ranges.h"
 #include "bundle_adjustment/point_filters.h"
 #include "geometry/triangulation.h"
-#include "math/index_groups.h"
+#include "math/item_groups.h"
 
 namespace mgsfm {
 namespace {
@@ -205,7 +205,7 @@ Point3D MakePoint(const Hypothesis& hypothesis, Candidates* candidates) {
 }
 
 // Marks keypoints and points without a group. An int instead of std::optional
-// saves memory; GroupByKey() ignores negative keys.
+// saves memory.
 constexpr int kNoGroup = -1;
 
 // Per point, the group of its first observation that is in a group, or
@@ -240,12 +240,12 @@ std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
 constexpr size_t kGroupsAtATime = 4096;
 
 std::vector<Eigen::Vector3d> PointsOfGroup(
-    const IndexGroups& points_of_group,
+    const ItemGroups<int>& points_of_group,
     const std::vector<Eigen::Vector3d>& points, size_t g) {
   std::vector<Eigen::Vector3d> of_group;
-  for (size_t k = points_of_group.begin[g]; k < points_of_group.begin[g + 1];
-       ++k) {
-    of_group.push_back(points[points_of_group.items[k]]);
+  for (const int* i = points_of_group.begin(g); i != points_of_group.end(g);
+       ++i) {
+    of_group.push_back(points[*i]);
   }
   return of_group;
 }
@@ -281,7 +281,12 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
   FilterPoints(scene, visible, num_threads, reconstruction);
   const std::vector<int> group_of_point =
       FindGroups(scene, groups, reconstruction->points);
-  const IndexGroups points_of_group = GroupByKey(group_of_point, groups.size());
+  const auto points_of_group =
+      GroupItems<int>(groups.size(), [&](const auto& add) {
+        for (size_t i = 0; i < group_of_point.size(); ++i) {
+          if (group_of_point[i] != kNoGroup) add(group_of_point[i], i);
+        }
+      });
 
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
   // Keeps only positions, so that a model is not in memory twice.

@@ -343,20 +343,6 @@ class SensorPriorCost : public ceres::CostFunction {
   const SensorPrior& prior_;
 };
 
-class RigLoss : public ceres::LossFunction {
- public:
-  explicit RigLoss(const RobustLoss& loss) : loss_(loss) {}
-  void Evaluate(double s, double out[3]) const override {
-    const LossValue value = loss_.Evaluate(s);
-    out[0] = value.rho;
-    out[1] = value.d1;
-    out[2] = value.d2;
-  }
-
- private:
-  const RobustLoss loss_;
-};
-
 using Eigen::Vector3d;
 
 template <class R>
@@ -437,7 +423,7 @@ class CeresRigProblem {
   ceres::LossFunction* LossOfPoint(size_t num_observations) {
     auto& loss = loss_of_size_[num_observations];
     if (!loss) {
-      loss = std::make_unique<RigLoss>(rig_.LossOfPoint(num_observations));
+      loss = std::make_unique<CeresLoss>(rig_.LossOfPoint(num_observations));
     }
     return loss.get();
   }
@@ -550,8 +536,9 @@ class CeresRigProblem {
   const Problem& rig_;
   RigState& state_;
   std::vector<PoseBlock> frames_, sensors_;
-  RigLoss loss_, position_loss_, gravity_loss_;
-  std::map<size_t, std::unique_ptr<RigLoss>> loss_of_size_;  // by observations
+  CeresLoss loss_, position_loss_, gravity_loss_;
+  std::map<size_t, std::unique_ptr<CeresLoss>>
+      loss_of_size_;  // by observations
   ceres::Problem problem_;
 };
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <ceres/iteration_callback.h>
+#include <ceres/loss_function.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 #include <ceres/version.h>
@@ -18,6 +19,7 @@
 
 #include <algorithm>
 
+#include "math/robust_loss.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/solver.h"
 
@@ -79,6 +81,22 @@ class StopWhenCanceled : public ceres::IterationCallback {
 
  private:
   const Context& context_;
+};
+
+// The losses of the library, with a scale that may change between solves.
+class CeresLoss : public ceres::LossFunction {
+ public:
+  explicit CeresLoss(const RobustLoss& loss) : loss_(loss) {}
+  void SetScale(double scale) { loss_.scale = scale; }
+  void Evaluate(double s, double out[3]) const override {
+    const LossValue value = loss_.Evaluate(s);
+    out[0] = value.rho;
+    out[1] = value.d1;
+    out[2] = value.d2;
+  }
+
+ private:
+  RobustLoss loss_;
 };
 
 // kFailure if the solution is not usable.

@@ -10,7 +10,7 @@
 
 #include "base/parallel.h"
 #include "base/ranges.h"
-#include "math/index_groups.h"
+#include "math/item_groups.h"
 #include "math/sorted_adjacency.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
@@ -343,24 +343,21 @@ ObservationGroups JoinPoints(const Scene& scene,
       if (i != kNoPoint) sets.Union(g, candidates.size() + i);
     }
   }
-  std::vector<int> set_of_member(sets.size());
-  for (size_t i = 0; i < sets.size(); ++i) {
-    set_of_member[i] = static_cast<int>(sets.Find(i));
-  }
-  const IndexGroups members = GroupByKey(set_of_member, sets.size());
+  const ItemGroups<size_t> members =
+      GroupItems<size_t>(sets.size(), [&](const auto& add) {
+        for (size_t i = 0; i < sets.size(); ++i) add(sets.Find(i), i);
+      });
   ObservationGroups joined;
   for (size_t g = 0; g < candidates.size(); ++g) {
-    const size_t begin = members.begin[set_of_member[g]];
-    const size_t end = members.begin[set_of_member[g] + 1];
-    if (members.items[begin] != static_cast<int>(g)) continue;
+    const size_t set = sets.Find(g);
+    if (*members.begin(set) != g) continue;
     std::vector<Observation> observations;
-    for (size_t k = begin; k < end; ++k) {
-      const size_t i = members.items[k];
-      if (i < candidates.size()) {
-        observations.insert(observations.end(), candidates.begin(i),
-                            candidates.end(i));
+    for (const size_t* i = members.begin(set); i != members.end(set); ++i) {
+      if (*i < candidates.size()) {
+        observations.insert(observations.end(), candidates.begin(*i),
+                            candidates.end(*i));
       } else {
-        const auto& track = points[i - candidates.size()].track;
+        const auto& track = points[*i - candidates.size()].track;
         observations.insert(observations.end(), track.begin(), track.end());
       }
     }

@@ -26,6 +26,7 @@ class Fingerprint {
     return *this;
   }
 
+  uint64_t hash() const { return hash_; }
   std::string ToString() const {
     return Formatted("%016llx", static_cast<unsigned long long>(hash_));
   }

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <utility>
 
-#include "base/option_range.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
@@ -14,10 +14,12 @@
 namespace mgsfm {
 namespace {
 
-std::string FormatNumber(int value) { return std::to_string(value); }
+std::string Format(bool value) { return value ? "true" : "false"; }
+std::string Format(int value) { return std::to_string(value); }
+std::string Format(const std::string& value) { return value; }
 
 // The fewest digits that parse to the same number.
-std::string FormatNumber(double value) {
+std::string Format(double value) {
   const double magnitude = std::abs(value);
   const bool is_handy =
       magnitude == 0.0 || (magnitude >= 1e-4 && magnitude < 1e9);
@@ -27,6 +29,23 @@ std::string FormatNumber(double value) {
       is_handy ? std::chars_format::fixed : std::chars_format::general);
   MGSFM_CHECK(error == std::errc());
   return std::string(buffer, end);
+}
+
+// Numbers of all other units are ratios or counts of parts of a recording.
+constexpr std::pair<std::string_view, double> kMaxima[] = {
+    {"rounds", 100},       {"iterations", 1e4}, {"frames", 1e5},
+    {"images", 1e6},       {"trials", 1e5},     {"deg", 360},
+    {"rad", 2 * M_PI},     {"m", 1e7},          {"of the larger side", 1e3},
+    {"matches", 1e7},      {"features", 1e7},   {"points", 1e7},
+    {"observations", 1e7}, {"tracks", 1e7},     {"descriptors", 1e8},
+    {"words", 1e8},        {"pairs", 1e8}};
+
+double MaxOfUnit(std::string_view unit) {
+  for (const auto& [name, max] : kMaxima) {
+    if (name == unit) return max;
+  }
+  // Far above any sensible ratio, size or time; rejects only typing errors.
+  return 1e6;
 }
 
 [[noreturn]] void ThrowBadValue(const OptionEntry& entry,
@@ -57,18 +76,10 @@ bool ParseBool(const OptionEntry& entry, const std::string& text) {
   ThrowBadValue(entry, text, "true or false");
 }
 
-std::string Join(const std::vector<std::string>& words) {
-  std::string joined;
-  for (const std::string& word : words) {
-    joined += (joined.empty() ? "" : ", ") + word;
-  }
-  return joined;
-}
-
 void CheckText(const OptionEntry& entry, const std::string& text) {
   if (!entry.choices.empty()) {
     if (!Contains(entry.choices, text)) {
-      ThrowBadValue(entry, text, "one of " + Join(entry.choices));
+      ThrowBadValue(entry, text, "one of " + Joined(entry.choices, ", "));
     }
     return;
   }
@@ -86,11 +97,11 @@ void CheckText(const OptionEntry& entry, const std::string& text) {
 
 void CheckNumber(const OptionEntry& entry, double value) {
   if (!std::isfinite(value)) {
-    ThrowBadValue(entry, FormatNumber(value), "a finite number");
+    ThrowBadValue(entry, Format(value), "a finite number");
   }
-  const Range range = RangeOf(entry);
+  const Range range = entry.UsableRange();
   if (!range.Contains(value)) {
-    ThrowBadValue(entry, FormatNumber(value),
+    ThrowBadValue(entry, Format(value),
                   "within " + range.ToString() +
                       (entry.unit.empty() ? "" : " " + entry.unit));
   }
@@ -144,9 +155,9 @@ const std::string* ShortestWithPart(const std::string& part,
 std::string Range::ToString() const {
   if (std::isinf(min) && std::isinf(max)) return "";
   const std::string lower =
-      std::isinf(min) ? "(-inf" : (min_is_open ? "(" : "[") + FormatNumber(min);
+      std::isinf(min) ? "(-inf" : (min_is_open ? "(" : "[") + Format(min);
   const std::string upper =
-      std::isinf(max) ? "inf)" : FormatNumber(max) + (max_is_open ? ")" : "]");
+      std::isinf(max) ? "inf)" : Format(max) + (max_is_open ? ")" : "]");
   return lower + ", " + upper;
 }
 
@@ -161,17 +172,25 @@ bool OptionEntry::IsRequired() const {
          !range.Contains(0.0);
 }
 
+Range OptionEntry::UsableRange() const {
+  Range usable = range;
+  const bool is_real = std::holds_alternative<double>(default_value);
+  const bool is_integer = std::holds_alternative<int>(default_value);
+  // An integer without unit is a seed or step; all values are valid.
+  if (!is_real && (!is_integer || unit.empty())) return usable;
+  if (std::isinf(usable.max)) usable.max = MaxOfUnit(unit);
+  if (std::isinf(usable.min)) usable.min = -usable.max;
+  if (is_real && usable.min == 0.0 && usable.min_is_open) {
+    // Smaller values are negligible beside numbers of size 1 in double
+    // precision.
+    usable.min = 1e-15;
+    usable.min_is_open = false;
+  }
+  return usable;
+}
+
 std::string FormatOptionValue(const OptionValue& value) {
-  if (const auto* flag = std::get_if<bool>(&value)) {
-    return *flag ? "true" : "false";
-  }
-  if (const auto* integer = std::get_if<int>(&value)) {
-    return FormatNumber(*integer);
-  }
-  if (const auto* real = std::get_if<double>(&value)) {
-    return FormatNumber(*real);
-  }
-  return std::get<std::string>(value);
+  return std::visit([](const auto& typed) { return Format(typed); }, value);
 }
 
 OptionValue ParseOptionValue(const OptionEntry& entry,

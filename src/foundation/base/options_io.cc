@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/base/options_io.h"
 
+#include <algorithm>
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "base/option_range.h"
-#include "base/ranges.h"
 #include "base/text_lines.h"
 #include "base/text_streams.h"
+#include "base/text_tools.h"
 #include "mgsfm/base/version.h"
 
 namespace mgsfm {
@@ -98,17 +98,12 @@ std::optional<std::string> LoadLine(const std::string& line,
 
 // Describes the valid values, e.g. "int in [2, inf)" or "a|b".
 std::string DescribeType(const OptionEntry& entry) {
-  std::string text;
-  if (!entry.choices.empty()) {
-    for (const std::string& choice : entry.choices) {
-      text += (text.empty() ? "" : "|") + choice;
-    }
-    return text;
-  }
+  if (!entry.choices.empty()) return Joined(entry.choices, "|");
   if (std::holds_alternative<std::string>(entry.default_value)) return "text";
   if (std::holds_alternative<bool>(entry.default_value)) return "true|false";
-  text = std::holds_alternative<int>(entry.default_value) ? "int" : "number";
-  const std::string range = RangeOf(entry).ToString();
+  const std::string text =
+      std::holds_alternative<int>(entry.default_value) ? "int" : "number";
+  const std::string range = entry.UsableRange().ToString();
   return range.empty() ? text : text + " in " + range;
 }
 
@@ -144,26 +139,27 @@ std::string EscapePipes(const std::string& text) {
   return escaped;
 }
 
-// Calls visit(section, entries) for each section in the order of first use.
-template <class Visit>
-void ForEachSection(const OptionList& options, const Visit& visit) {
-  std::vector<std::string> sections;
+struct Section {
+  std::string name;
+  std::vector<const OptionEntry*> entries;
+};
+
+// In the order of first use.
+std::vector<Section> SectionsOf(const OptionList& options) {
+  std::vector<Section> sections;
   for (const OptionEntry& entry : options) {
-    const std::string section = entry.Section();
-    // The top level must come first because it has no heading in files.
-    if (section.empty() && (sections.empty() || !sections[0].empty())) {
-      sections.insert(sections.begin(), section);
-    } else if (!Contains(sections, section)) {
-      sections.push_back(section);
+    const std::string name = entry.Section();
+    auto section =
+        std::find_if(sections.begin(), sections.end(),
+                     [&](const Section& other) { return other.name == name; });
+    if (section == sections.end()) {
+      // The top level must come first because it has no heading in files.
+      section = sections.insert(name.empty() ? sections.begin() : section,
+                                {name, {}});
     }
+    section->entries.push_back(&entry);
   }
-  for (const std::string& section : sections) {
-    std::vector<const OptionEntry*> entries;
-    for (const OptionEntry& entry : options) {
-      if (entry.Section() == section) entries.push_back(&entry);
-    }
-    visit(section, entries);
-  }
+  return sections;
 }
 
 std::string KeyInSection(const OptionEntry& entry) {
@@ -206,17 +202,16 @@ void LoadOptions(const std::filesystem::path& path, const OptionList& options,
 
 std::string DumpOptions(const OptionList& options) {
   std::string text = std::string(kVersionKey) + " = " + Version() + "\n";
-  ForEachSection(
-      options, [&text](const std::string& section, const auto& entries) {
-        if (!section.empty()) text += "\n[" + section + "]\n";
-        for (const OptionEntry* entry : entries) {
-          const std::string value = FormatOptionValue(entry->get());
-          // A required option stays commented out so that it is still reported
-          // as missing.
-          if (value.empty() && entry->IsRequired()) text += "# required: ";
-          text += KeyInSection(*entry) + " = " + QuoteIfNeeded(value) + "\n";
-        }
-      });
+  for (const auto& [section, entries] : SectionsOf(options)) {
+    if (!section.empty()) text += "\n[" + section + "]\n";
+    for (const OptionEntry* entry : entries) {
+      const std::string value = FormatOptionValue(entry->get());
+      // A required option stays commented out so that it is still reported as
+      // missing.
+      if (value.empty() && entry->IsRequired()) text += "# required: ";
+      text += KeyInSection(*entry) + " = " + QuoteIfNeeded(value) + "\n";
+    }
+  }
   return text;
 }
 
@@ -237,34 +232,32 @@ std::string OptionsToJson(const OptionList& options) {
 
 std::string OptionsToHelp(const OptionList& options) {
   std::string text;
-  ForEachSection(
-      options, [&text](const std::string& section, const auto& entries) {
-        if (!section.empty()) text += "\n" + section + "\n";
-        for (const OptionEntry* entry : entries) {
-          text += "  --" + entry->name + "\n";
-          AppendWrapped(DescribeType(*entry) +
-                            (entry->unit.empty() ? "" : " " + entry->unit) +
-                            "; default: " + DescribeDefault(*entry),
-                        6, &text);
-          AppendWrapped(entry->help, 6, &text);
-        }
-      });
+  for (const auto& [section, entries] : SectionsOf(options)) {
+    if (!section.empty()) text += "\n" + section + "\n";
+    for (const OptionEntry* entry : entries) {
+      text += "  --" + entry->name + "\n";
+      AppendWrapped(DescribeType(*entry) +
+                        (entry->unit.empty() ? "" : " " + entry->unit) +
+                        "; default: " + DescribeDefault(*entry),
+                    6, &text);
+      AppendWrapped(entry->help, 6, &text);
+    }
+  }
   return text;
 }
 
 std::string OptionsToMarkdown(const OptionList& options) {
   std::string text;
-  ForEachSection(
-      options, [&text](const std::string& section, const auto& entries) {
-        if (!section.empty()) text += "\n### " + section + "\n\n";
-        text += "| option | default | values | unit | meaning |\n";
-        text += "|---|---|---|---|---|\n";
-        for (const OptionEntry* entry : entries) {
-          text += "| `" + entry->name + "` | " + DescribeDefault(*entry) +
-                  " | " + EscapePipes(DescribeType(*entry)) + " | " +
-                  entry->unit + " | " + EscapePipes(entry->help) + " |\n";
-        }
-      });
+  for (const auto& [section, entries] : SectionsOf(options)) {
+    if (!section.empty()) text += "\n### " + section + "\n\n";
+    text += "| option | default | values | unit | meaning |\n";
+    text += "|---|---|---|---|---|\n";
+    for (const OptionEntry* entry : entries) {
+      text += "| `" + entry->name + "` | " + DescribeDefault(*entry) + " | " +
+              EscapePipes(DescribeType(*entry)) + " | " + entry->unit + " | " +
+              EscapePipes(entry->help) + " |\n";
+    }
+  }
   return text;
 }
 

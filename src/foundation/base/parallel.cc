@@ -59,4 +59,12 @@ void ParallelFor(size_t size, int num_threads,
   if (first_exception) std::rethrow_exception(first_exception);
 }
 
+void ParallelFor(size_t size, const Context& context, std::string_view stage,
+                 const std::function<void(size_t)>& function,
+                 size_t block_size) {
+  ParallelFor(
+      size, ResolveNumThreads(context.num_threads), function, block_size,
+      [&](size_t num_done) { context.ReportProgress(stage, num_done, size); });
+}
+
 }  // namespace mgsfm

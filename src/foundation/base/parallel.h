@@ -3,6 +3,9 @@
 
 #include <cstddef>
 #include <functional>
+#include <string_view>
+
+#include "mgsfm/base/context.h"
 
 namespace mgsfm {
 
@@ -26,5 +29,10 @@ void ParallelFor(size_t size, int num_threads,
                  const std::function<void(size_t)>& function,
                  size_t block_size = 16,
                  const std::function<void(size_t)>& on_block_done = nullptr);
+
+// The same on the threads of the context, which gets the progress of the stage.
+void ParallelFor(size_t size, const Context& context, std::string_view stage,
+                 const std::function<void(size_t)>& function,
+                 size_t block_size = 1);
 
 }  // namespace mgsfm

@@ -92,6 +92,35 @@ auto Transformed(const Items& items, const Function& function) {
   return results;
 }
 
+// The items of all lists in one.
+template <class Lists>
+auto Concatenated(const Lists& lists) {
+  std::decay_t<decltype(*std::begin(lists))> all;
+  for (const auto& list : lists) {
+    all.insert(all.end(), std::begin(list), std::end(list));
+  }
+  return all;
+}
+
+// The items, or `max_size` of them at equal spacing if there are more.
+template <class Items>
+Items EvenlySpaced(const Items& items, size_t max_size) {
+  if (items.size() <= max_size) return items;
+  Items selected;
+  for (size_t i = 0; i < max_size; ++i) {
+    selected.push_back(items[i * items.size() / max_size]);
+  }
+  return selected;
+}
+
+// The larger median of an even number of values, which must not be empty.
+template <class T>
+T UpperMedian(std::vector<T> values) {
+  const auto middle = values.begin() + values.size() / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 // 0, 1, ... size - 1.
 template <class T = int>
 std::vector<T> Indices(size_t size) {

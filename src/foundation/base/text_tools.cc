@@ -25,27 +25,13 @@ std::string StemOfName(const std::string& image_name) {
 }
 
 std::string EscapeMarkup(std::string_view text) {
+  constexpr std::string_view kSpecial = "&<>\"'";
+  constexpr const char* kEntities[] = {"&amp;", "&lt;", "&gt;", "&quot;",
+                                       "&#39;"};
   std::string escaped;
   for (const char c : text) {
-    switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '>':
-        escaped += "&gt;";
-        break;
-      case '"':
-        escaped += "&quot;";
-        break;
-      case '\'':
-        escaped += "&#39;";
-        break;
-      default:
-        escaped += c;
-    }
+    const size_t i = kSpecial.find(c);
+    escaped += i == std::string_view::npos ? std::string(1, c) : kEntities[i];
   }
   return escaped;
 }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/ranges.h"
 #include "geometry/pose_refinement.h"
 
 namespace mgsfm {
@@ -101,7 +102,7 @@ class CameraEquations {
     ww_.noalias() -= by_wt * cross;
     t_ += by_t;
     w_ += q.cross(by_t);
-    AddFactorOfCost(x);
+    sum_of_logs_.Add(x);
   }
 
   // Adds the equations for a rotation and translation in the frame of the unit.
@@ -115,27 +116,17 @@ class CameraEquations {
     hessian.bottomRightCorner<3, 3>() += C.transpose() * tt_ * C;
     equations->gradient.head<3>() += C.transpose() * w_;
     equations->gradient.tail<3>() += C.transpose() * t_;
-    equations->cost +=
-        0.5 * squared_scale_ * (sum_of_logs_ + std::log(product_));
+    equations->cost += 0.5 * squared_scale_ * sum_of_logs_.Total();
   }
 
  private:
-  // A logarithm is as expensive as everything else.
-  void AddFactorOfCost(double x) {
-    product_ *= x;
-    if (product_ < 1e100) return;
-    sum_of_logs_ += std::log(product_);
-    product_ = 1.0;
-  }
-
   double squared_scale_;
   Matrix3d ww_ = Matrix3d::Zero();
   Matrix3d wt_ = Matrix3d::Zero();
   Matrix3d tt_ = Matrix3d::Zero();
   Vector3d w_ = Vector3d::Zero();
   Vector3d t_ = Vector3d::Zero();
-  double sum_of_logs_ = 0.0;
-  double product_ = 1.0;
+  LogSum sum_of_logs_;
 };
 
 PoseEquations Linearize(const std::vector<CameraPoints>& cameras,
@@ -273,14 +264,12 @@ class AbsolutePoseRansac {
 
   void OptimizeAtLast() {
     const auto inliers = InliersOf(cameras_, *best_);
-    std::vector<double> errors = AbsolutePoseErrors(inliers, *best_);
+    const std::vector<double> errors = AbsolutePoseErrors(inliers, *best_);
     if (errors.empty()) return;
-    const auto middle = errors.begin() + errors.size() / 2;
-    std::nth_element(errors.begin(), middle, errors.end());
     Rigid3 refined = *best_;
     // The lower bound avoids a degenerate loss for exact data.
     const double loss_scale =
-        std::min(kInlierLossScale, std::max(0.02, 2.0 * *middle));
+        std::min(kInlierLossScale, std::max(0.02, 2.0 * UpperMedian(errors)));
     if (RefineAbsolutePose(inliers, loss_scale, &refined).IsUsable()) {
       best_ = refined;
     }

@@ -1,64 +1,74 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/geometry/camera_models.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 
+#include "base/ranges.h"
 #include "geometry/camera_models/pixel_models.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
+template <class... Model>
+struct ModelList {};
+
+// The types and names of the models in the order of their ids.
+using Models =
+    ModelList<internal::SimplePinhole, internal::Pinhole,
+              internal::SimpleRadial, internal::Radial, internal::OpenCV,
+              internal::OpenCVFisheye, internal::FullOpenCV, internal::Fov,
+              internal::SimpleRadialFisheye, internal::RadialFisheye,
+              internal::ThinPrismFisheye, internal::RadTanThinPrismFisheye,
+              internal::SimpleDivision, internal::Division,
+              internal::SimpleFisheye, internal::Fisheye, internal::Eucm,
+              internal::Equirectangular>;
+constexpr std::string_view kNames[] = {"SIMPLE_PINHOLE",
+                                       "PINHOLE",
+                                       "SIMPLE_RADIAL",
+                                       "RADIAL",
+                                       "OPENCV",
+                                       "OPENCV_FISHEYE",
+                                       "FULL_OPENCV",
+                                       "FOV",
+                                       "SIMPLE_RADIAL_FISHEYE",
+                                       "RADIAL_FISHEYE",
+                                       "THIN_PRISM_FISHEYE",
+                                       "RAD_TAN_THIN_PRISM_FISHEYE",
+                                       "SIMPLE_DIVISION",
+                                       "DIVISION",
+                                       "SIMPLE_FISHEYE",
+                                       "FISHEYE",
+                                       "EUCM",
+                                       "EQUIRECTANGULAR"};
+
+template <class Function, class First, class... Others>
+auto Dispatch(CameraModelId model, const Function& function,
+              ModelList<First, Others...>) {
+  using Call = decltype(function(First())) (*)(const Function&);
+  static constexpr Call kCalls[] = {
+      [](const Function& f) { return f(First()); },
+      [](const Function& f) { return f(Others()); }...};
+  static_assert(std::size(kCalls) == std::size(kNames));
+  const auto id = static_cast<int32_t>(model);
+  if (id >= 0 && static_cast<size_t>(id) < std::size(kCalls)) {
+    return kCalls[id](function);
+  }
+  throw ContractError("unknown camera model " + std::to_string(id));
+}
+
 // Calls `function` with an object of the type of the model.
 template <class Function>
 auto Dispatch(CameraModelId model, const Function& function) {
-  switch (model) {
-    case CameraModelId::kSimplePinhole:
-      return function(internal::SimplePinhole());
-    case CameraModelId::kPinhole:
-      return function(internal::Pinhole());
-    case CameraModelId::kSimpleRadial:
-      return function(internal::SimpleRadial());
-    case CameraModelId::kRadial:
-      return function(internal::Radial());
-    case CameraModelId::kOpenCV:
-      return function(internal::OpenCV());
-    case CameraModelId::kOpenCVFisheye:
-      return function(internal::OpenCVFisheye());
-    case CameraModelId::kFullOpenCV:
-      return function(internal::FullOpenCV());
-    case CameraModelId::kFov:
-      return function(internal::Fov());
-    case CameraModelId::kSimpleRadialFisheye:
-      return function(internal::SimpleRadialFisheye());
-    case CameraModelId::kRadialFisheye:
-      return function(internal::RadialFisheye());
-    case CameraModelId::kThinPrismFisheye:
-      return function(internal::ThinPrismFisheye());
-    case CameraModelId::kRadTanThinPrismFisheye:
-      return function(internal::RadTanThinPrismFisheye());
-    case CameraModelId::kSimpleDivision:
-      return function(internal::SimpleDivision());
-    case CameraModelId::kDivision:
-      return function(internal::Division());
-    case CameraModelId::kSimpleFisheye:
-      return function(internal::SimpleFisheye());
-    case CameraModelId::kFisheye:
-      return function(internal::Fisheye());
-    case CameraModelId::kEucm:
-      return function(internal::Eucm());
-    case CameraModelId::kEquirectangular:
-      return function(internal::Equirectangular());
-  }
-  throw ContractError("unknown camera model " +
-                      std::to_string(static_cast<int32_t>(model)));
+  return Dispatch(model, function, Models());
 }
 
-CameraModelInfo MakeInfo(CameraModelId id, std::string_view name) {
-  return Dispatch(id, [id, name](auto model) {
+CameraModelInfo MakeInfo(int number) {
+  const auto id = static_cast<CameraModelId>(number);
+  return Dispatch(id, [&](auto model) {
     const auto range = [](int begin, int size) {
       std::vector<int> idxs(size);
       std::iota(idxs.begin(), idxs.end(), begin);
@@ -66,7 +76,7 @@ CameraModelInfo MakeInfo(CameraModelId id, std::string_view name) {
     };
     return CameraModelInfo{
         id,
-        name,
+        kNames[number],
         model.kNumParams,
         range(0, model.kNumFocals),
         range(model.kNumFocals, model.kNumCenters),
@@ -78,10 +88,8 @@ CameraModelInfo MakeInfo(CameraModelId id, std::string_view name) {
 template <class Model>
 [[gnu::flatten]] bool Project(const double* params, const double* point_in_cam,
                               double* pixel) {
-  const Eigen::Vector3d point(point_in_cam[0], point_in_cam[1],
-                              point_in_cam[2]);
-  const std::optional<Eigen::Vector2d> projected =
-      Model::Project(params, point, nullptr, nullptr);
+  const std::optional<Eigen::Vector2d> projected = Model::Project(
+      params, Eigen::Vector3d::Map(point_in_cam), nullptr, nullptr);
   if (!projected) return false;
   pixel[0] = projected->x();
   pixel[1] = projected->y();
@@ -92,20 +100,15 @@ template <class Model>
 [[gnu::flatten]] bool Linearize(const double* params,
                                 const double* point_in_cam, double* pixel,
                                 double* by_point, double* by_params) {
-  const Eigen::Vector3d point(point_in_cam[0], point_in_cam[1],
-                              point_in_cam[2]);
   Eigen::Matrix<double, 2, 3> jacobian_point;
   PixelJacobianParams jacobian_params;
-  const std::optional<Eigen::Vector2d> projected =
-      Model::Project(params, point, &jacobian_point,
-                     by_params != nullptr ? &jacobian_params : nullptr);
+  const std::optional<Eigen::Vector2d> projected = Model::Project(
+      params, Eigen::Vector3d::Map(point_in_cam), &jacobian_point,
+      by_params != nullptr ? &jacobian_params : nullptr);
   if (!projected) return false;
   pixel[0] = projected->x();
   pixel[1] = projected->y();
-  for (int i = 0; i < 3; ++i) {
-    by_point[i] = jacobian_point(0, i);
-    by_point[3 + i] = jacobian_point(1, i);
-  }
+  Eigen::Matrix<double, 2, 3, Eigen::RowMajor>::Map(by_point) = jacobian_point;
   if (by_params != nullptr) {
     std::copy_n(jacobian_params.data(), 2 * Model::kNumParams, by_params);
   }
@@ -121,27 +124,8 @@ PixelProjection FindPixelProjection(CameraModelId model) {
 }
 
 const std::vector<CameraModelInfo>& AllCameraModels() {
-  static const std::vector<CameraModelInfo> models = {
-      MakeInfo(CameraModelId::kSimplePinhole, "SIMPLE_PINHOLE"),
-      MakeInfo(CameraModelId::kPinhole, "PINHOLE"),
-      MakeInfo(CameraModelId::kSimpleRadial, "SIMPLE_RADIAL"),
-      MakeInfo(CameraModelId::kRadial, "RADIAL"),
-      MakeInfo(CameraModelId::kOpenCV, "OPENCV"),
-      MakeInfo(CameraModelId::kOpenCVFisheye, "OPENCV_FISHEYE"),
-      MakeInfo(CameraModelId::kFullOpenCV, "FULL_OPENCV"),
-      MakeInfo(CameraModelId::kFov, "FOV"),
-      MakeInfo(CameraModelId::kSimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE"),
-      MakeInfo(CameraModelId::kRadialFisheye, "RADIAL_FISHEYE"),
-      MakeInfo(CameraModelId::kThinPrismFisheye, "THIN_PRISM_FISHEYE"),
-      MakeInfo(CameraModelId::kRadTanThinPrismFisheye,
-               "RAD_TAN_THIN_PRISM_FISHEYE"),
-      MakeInfo(CameraModelId::kSimpleDivision, "SIMPLE_DIVISION"),
-      MakeInfo(CameraModelId::kDivision, "DIVISION"),
-      MakeInfo(CameraModelId::kSimpleFisheye, "SIMPLE_FISHEYE"),
-      MakeInfo(CameraModelId::kFisheye, "FISHEYE"),
-      MakeInfo(CameraModelId::kEucm, "EUCM"),
-      MakeInfo(CameraModelId::kEquirectangular, "EQUIRECTANGULAR"),
-  };
+  static const std::vector<CameraModelInfo> models =
+      Transformed(Indices(std::size(kNames)), MakeInfo);
   return models;
 }
 

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "geometry/epipolar_linearization.h"
-
 #include <algorithm>
 #include <cmath>
 
 #include "base/cpu_features.h"
-
-#define MGSFM_INLINE inline __attribute__((always_inline))
+#include "geometry/epipolar_terms.h"
+#include "geometry/pose_refinement.h"
 
 namespace mgsfm::internal {
 namespace {
@@ -21,8 +19,8 @@ struct FourMatches {
   Four weight;
 };
 
-MGSFM_INLINE void Load(const RayMatches& matches, size_t begin,
-                       FourMatches* four) {
+MGSFM_ALWAYS_INLINE void Load(const RayMatches& matches, size_t begin,
+                              FourMatches* four) {
   const size_t last = matches.size() - 1;
   for (int lane = 0; lane < kWidth; ++lane) {
     const size_t i = std::min(begin + lane, last);
@@ -34,7 +32,7 @@ MGSFM_INLINE void Load(const RayMatches& matches, size_t begin,
   }
 }
 
-MGSFM_INLINE void Cross(const Four* a, const Four* b, Four* c) {
+MGSFM_ALWAYS_INLINE void Cross(const Four* a, const Four* b, Four* c) {
   c[0] = a[1] * b[2] - a[2] * b[1];
   c[1] = a[2] * b[0] - a[0] * b[2];
   c[2] = a[0] * b[1] - a[1] * b[0];
@@ -42,9 +40,10 @@ MGSFM_INLINE void Cross(const Four* a, const Four* b, Four* c) {
 
 // Sampson errors r and their gradients as in SampsonAngle. Undefined errors
 // have value 0 and weight 0.
-MGSFM_INLINE void ComputeErrors(const EpipolarPose& pose,
-                                const Eigen::Matrix<double, 3, 2>& basis,
-                                FourMatches* m, Four* error, Four* gradient) {
+MGSFM_ALWAYS_INLINE void ComputeErrors(const EpipolarPose& pose,
+                                       const Eigen::Matrix<double, 3, 2>& basis,
+                                       FourMatches* m, Four* error,
+                                       Four* gradient) {
   const Four zero = {0.0, 0.0, 0.0, 0.0};
   const Four* f = m->f2;
   Four a[3], t[3], n[3], c[3];
@@ -80,13 +79,14 @@ MGSFM_INLINE void ComputeErrors(const EpipolarPose& pose,
   }
 }
 
-MGSFM_INLINE double SumOf(const Four& lanes) {
+MGSFM_ALWAYS_INLINE double SumOf(const Four& lanes) {
   return (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
 }
 
-MGSFM_INLINE void SumBody(const RayMatches& matches, const EpipolarPose& pose,
-                          const Eigen::Matrix<double, 3, 2>& basis,
-                          double loss_scale, PoseSums* sums) {
+MGSFM_ALWAYS_INLINE void SumBody(const RayMatches& matches,
+                                 const EpipolarPose& pose,
+                                 const Eigen::Matrix<double, 3, 2>& basis,
+                                 double loss_scale, PoseSums* sums) {
   const double inv_squared_scale = 1.0 / (loss_scale * loss_scale);
   const Four zero = {0.0, 0.0, 0.0, 0.0};
   Four hessian[15], gradient[5];

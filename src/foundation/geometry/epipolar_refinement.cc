@@ -6,8 +6,8 @@
 
 #include "geometry/decompositions.h"
 #include "geometry/epipolar.h"
-#include "geometry/epipolar_linearization.h"
 #include "geometry/epipolar_terms.h"
+#include "geometry/pose_refinement.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {
@@ -94,7 +94,7 @@ NormalEquations<3> LinearizeRotation(const RayMatches& matches,
   const Eigen::Matrix3d rotation = cam2_from_cam1.toRotationMatrix();
   const double inv_squared_scale = 0.5 / (loss_scale * loss_scale);
   NormalEquations<3> equations;
-  internal::LogSum log_sum;
+  LogSum log_sum;
   for (size_t i = 0; i < matches.size(); ++i) {
     const Eigen::Vector3d a = rotation * matches.rays1[i];
     const Eigen::Vector3d& f = matches.rays2[i];

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/epipolar.h"
+
 namespace mgsfm::internal {
 
 // A relative pose in the form used by loops over matches.
@@ -49,5 +51,20 @@ struct EpipolarTerms {
     return same_side && sin_a * tf - ta * sin_f >= -tolerance;
   }
 };
+
+// The normal equations of the Cauchy-weighted Sampson errors of all matches
+// over the five degrees of freedom of a pose.
+struct PoseSums {
+  Eigen::Matrix<double, 5, 5> hessian;
+  Eigen::Matrix<double, 5, 1> gradient;
+  double cost;
+};
+
+// Processes four matches at a time. Compiled with and without AVX2 and FMA, so
+// results on different processors may differ by rounding. The columns of
+// `basis` are normal to the direction of the pose.
+PoseSums SumSampsonTerms(const RayMatches& matches, const EpipolarPose& pose,
+                         const Eigen::Matrix<double, 3, 2>& basis,
+                         double loss_scale);
 
 }  // namespace mgsfm::internal

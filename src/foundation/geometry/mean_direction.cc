@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 
@@ -17,9 +18,8 @@ constexpr size_t kMaxNumStarts = 100;
 
 double MedianAngle(const std::vector<Vector3d>& directions,
                    const Vector3d& mean) {
-  std::vector<double> angles;
-  angles.reserve(directions.size());
-  for (const Vector3d& v : directions) angles.push_back(AngleBetween(mean, v));
+  std::vector<double> angles = Transformed(
+      directions, [&](const Vector3d& v) { return AngleBetween(mean, v); });
   const auto middle = angles.begin() + (angles.size() - 1) / 2;
   std::nth_element(angles.begin(), middle, angles.end());
   return *middle;

@@ -81,10 +81,7 @@ Eigen::Vector3d FitPlane(const std::vector<PlaneTerms>& samples,
     }
     plane = A.ldlt().solve(b);
     errors = Errors(samples, t, plane);
-    std::vector<double> sorted = errors;
-    const auto median = sorted.begin() + sorted.size() / 2;
-    std::nth_element(sorted.begin(), median, sorted.end());
-    scale = std::max(*median, min_scale);
+    scale = std::max(UpperMedian(errors), min_scale);
   }
   return plane;
 }

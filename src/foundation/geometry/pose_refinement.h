@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <cmath>
 
 #include "geometry/so3.h"
 #include "mgsfm/base/solver.h"
@@ -15,6 +16,23 @@ struct PoseEquations {
   PoseMatrix hessian = PoseMatrix::Zero();
   PoseVector gradient = PoseVector::Zero();
   double cost = 0.0;
+};
+
+// sum of log(x_i) for x_i >= 1, with few logarithms: one is as expensive as the
+// other terms of an error.
+class LogSum {
+ public:
+  void Add(double x) {
+    product_ *= x;
+    if (product_ <= 1e100) return;
+    sum_ += std::log(product_);
+    product_ = 1.0;
+  }
+  double Total() const { return sum_ + std::log(product_); }
+
+ private:
+  double product_ = 1.0;
+  double sum_ = 0.0;
 };
 
 // The loss scale relative to the largest error of inliers: it keeps them in the

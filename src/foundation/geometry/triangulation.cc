@@ -91,13 +91,78 @@ class RobustTriangulator {
   }
 
  private:
-  void TryAllHypotheses();
-  void TryHypothesis(size_t i, size_t j);
-  void TakeIfBetter(const std::optional<Vector3d>& point);
-  double Score(const Vector3d& point) const;
+  void TryAllHypotheses() {
+    const size_t size = rays_.size();
+    if (size * (size - 1) / 2 <= kMaxNumHypotheses) {
+      for (size_t i = 0; i < size; ++i) {
+        for (size_t j = i + 1; j < size; ++j) TryHypothesis(i, j);
+      }
+      return;
+    }
+    Random random(size);
+    for (int trial = 0; trial < kMaxNumHypotheses; ++trial) {
+      const size_t i = random.Index(static_cast<uint32_t>(size));
+      const size_t j = random.Index(static_cast<uint32_t>(size - 1));
+      TryHypothesis(i, j < i ? j : j + 1);
+    }
+  }
+
+  void TryHypothesis(size_t i, size_t j) {
+    TakeIfBetter(
+        TriangulateTwoRays(centers_[i], rays_[i], centers_[j], rays_[j]));
+  }
+
+  void TakeIfBetter(const std::optional<Vector3d>& point) {
+    if (!point) return;
+    const double score = Score(*point);
+    if (score < best_score_) {
+      best_score_ = score;
+      best_point_ = *point;
+    }
+  }
+
+  double Score(const Vector3d& point) const {
+    double score = 0.0;
+    for (size_t k = 0; k < rays_.size(); ++k) {
+      score +=
+          std::min(SquaredChord(centers_[k], rays_[k], point), max_chord2_);
+    }
+    return score;
+  }
+
   // One least-squares step on the angles of the inliers of the best point.
-  void Refine();
-  std::optional<RobustTriangulation> Finish() const;
+  void Refine() {
+    PointEquations equations;
+    for (size_t k = 0; k < rays_.size(); ++k) {
+      if (SquaredChord(centers_[k], rays_[k], best_point_) >= max_chord2_) {
+        continue;
+      }
+      equations.Add(1.0 / (best_point_ - centers_[k]).squaredNorm(),
+                    centers_[k], rays_[k]);
+    }
+    TakeIfBetter(equations.Solve());
+  }
+
+  std::optional<RobustTriangulation> Finish() const {
+    RobustTriangulation result;
+    result.point = best_point_;
+    result.is_inlier.resize(rays_.size());
+    std::vector<Vector3d> inlier_centers;
+    for (size_t k = 0; k < rays_.size(); ++k) {
+      result.is_inlier[k] =
+          SquaredChord(centers_[k], rays_[k], best_point_) < max_chord2_;
+      if (result.is_inlier[k]) inlier_centers.push_back(centers_[k]);
+    }
+    result.num_inliers = static_cast<int>(inlier_centers.size());
+    const double min_angle_rad = options_.min_angle_rad;
+    if (result.num_inliers < 2 ||
+        (min_angle_rad > 0.0 &&
+         MaxTriangulationAngle(inlier_centers, best_point_, min_angle_rad) <
+             min_angle_rad)) {
+      return std::nullopt;
+    }
+    return result;
+  }
 
   const std::vector<Vector3d>& centers_;
   const std::vector<Vector3d>& rays_;
@@ -106,77 +171,6 @@ class RobustTriangulator {
   Vector3d best_point_ = Vector3d::Zero();
   double best_score_ = std::numeric_limits<double>::infinity();
 };
-
-void RobustTriangulator::TryAllHypotheses() {
-  const size_t size = rays_.size();
-  if (size * (size - 1) / 2 <= kMaxNumHypotheses) {
-    for (size_t i = 0; i < size; ++i) {
-      for (size_t j = i + 1; j < size; ++j) TryHypothesis(i, j);
-    }
-    return;
-  }
-  Random random(size);
-  for (int trial = 0; trial < kMaxNumHypotheses; ++trial) {
-    const size_t i = random.Index(static_cast<uint32_t>(size));
-    const size_t j = random.Index(static_cast<uint32_t>(size - 1));
-    TryHypothesis(i, j < i ? j : j + 1);
-  }
-}
-
-void RobustTriangulator::TryHypothesis(size_t i, size_t j) {
-  TakeIfBetter(
-      TriangulateTwoRays(centers_[i], rays_[i], centers_[j], rays_[j]));
-}
-
-void RobustTriangulator::TakeIfBetter(const std::optional<Vector3d>& point) {
-  if (!point) return;
-  const double score = Score(*point);
-  if (score < best_score_) {
-    best_score_ = score;
-    best_point_ = *point;
-  }
-}
-
-double RobustTriangulator::Score(const Vector3d& point) const {
-  double score = 0.0;
-  for (size_t k = 0; k < rays_.size(); ++k) {
-    score += std::min(SquaredChord(centers_[k], rays_[k], point), max_chord2_);
-  }
-  return score;
-}
-
-void RobustTriangulator::Refine() {
-  PointEquations equations;
-  for (size_t k = 0; k < rays_.size(); ++k) {
-    if (SquaredChord(centers_[k], rays_[k], best_point_) >= max_chord2_) {
-      continue;
-    }
-    equations.Add(1.0 / (best_point_ - centers_[k]).squaredNorm(), centers_[k],
-                  rays_[k]);
-  }
-  TakeIfBetter(equations.Solve());
-}
-
-std::optional<RobustTriangulation> RobustTriangulator::Finish() const {
-  RobustTriangulation result;
-  result.point = best_point_;
-  result.is_inlier.resize(rays_.size());
-  std::vector<Vector3d> inlier_centers;
-  for (size_t k = 0; k < rays_.size(); ++k) {
-    result.is_inlier[k] =
-        SquaredChord(centers_[k], rays_[k], best_point_) < max_chord2_;
-    if (result.is_inlier[k]) inlier_centers.push_back(centers_[k]);
-  }
-  result.num_inliers = static_cast<int>(inlier_centers.size());
-  const double min_angle_rad = options_.min_angle_rad;
-  if (result.num_inliers < 2 ||
-      (min_angle_rad > 0.0 &&
-       MaxTriangulationAngle(inlier_centers, best_point_, min_angle_rad) <
-           min_angle_rad)) {
-    return std::nullopt;
-  }
-  return result;
-}
 
 std::vector<Vector3d> Shifted(const std::vector<Vector3d>& centers,
                               const Vector3d& origin) {

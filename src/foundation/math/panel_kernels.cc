@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "base/cpu_features.h"
 
@@ -13,66 +14,34 @@ namespace {
 constexpr int kTileRows = 8;
 constexpr int kTileColumns = 6;
 
-#if defined(__GNUC__)
-struct Lanes4 {
-  typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
-  Four four;
-  MGSFM_ALWAYS_INLINE void Clear() { four = Four{0.0, 0.0, 0.0, 0.0}; }
-  MGSFM_ALWAYS_INLINE void Load(const double* from) {
-    four = *reinterpret_cast<const Four*>(from);
-  }
-  MGSFM_ALWAYS_INLINE void Store(double* to) const {
-    *reinterpret_cast<Four*>(to) = four;
-  }
-  MGSFM_ALWAYS_INLINE void AddScaled(const Lanes4& other, double factor) {
-    four += other.four * factor;
-  }
-  MGSFM_ALWAYS_INLINE void SubtractFrom(double* to) const {
-    *reinterpret_cast<Four*>(to) -= four;
-  }
-};
-#else
-struct Lanes4 {
-  double values[4];
-  void Clear() { std::fill_n(values, 4, 0.0); }
-  void Load(const double* from) { std::copy_n(from, 4, values); }
-  void Store(double* to) const { std::copy_n(values, 4, to); }
-  void AddScaled(const Lanes4& other, double factor) {
-    for (int i = 0; i < 4; ++i) values[i] += other.values[i] * factor;
-  }
-  void SubtractFrom(double* to) const {
-    for (int i = 0; i < 4; ++i) to[i] -= values[i];
-  }
-};
-#endif
+// Four numbers in a register, and at any address. `auto` would deduce the first
+// from the second.
+typedef double Four __attribute__((vector_size(32)));
+typedef double StoredFour
+    __attribute__((vector_size(32), aligned(8), may_alias));
 
 struct Tile {
-  Lanes4 lanes[kTileColumns][2];
+  Four fours[kTileColumns][2];
 };
 
 // The product of 8 rows with distance `stride` between columns and 6 rows of B
 // that are contiguous per column.
 MGSFM_ALWAYS_INLINE void ComputeTile(const double* rows, int stride,
                                      const double* b, int k, Tile* tile) {
-  Lanes4 sums[kTileColumns][2];
-  for (int j = 0; j < kTileColumns; ++j) {
-    sums[j][0].Clear();
-    sums[j][1].Clear();
-  }
+  Four sums[kTileColumns][2] = {};
   for (int p = 0; p < k; ++p) {
-    Lanes4 low, high;
-    low.Load(rows);
-    high.Load(rows + 4);
+    const StoredFour* fours = reinterpret_cast<const StoredFour*>(rows);
+    const Four low = fours[0], high = fours[1];
     for (int j = 0; j < kTileColumns; ++j) {
-      sums[j][0].AddScaled(low, b[j]);
-      sums[j][1].AddScaled(high, b[j]);
+      sums[j][0] += low * b[j];
+      sums[j][1] += high * b[j];
     }
     rows += stride;
     b += kTileColumns;
   }
   for (int j = 0; j < kTileColumns; ++j) {
-    tile->lanes[j][0] = sums[j][0];
-    tile->lanes[j][1] = sums[j][1];
+    tile->fours[j][0] = sums[j][0];
+    tile->fours[j][1] = sums[j][1];
   }
 }
 
@@ -90,13 +59,13 @@ MGSFM_ALWAYS_INLINE void SubtractTile(const Tile& tile, int i, int j, int m,
         target.columns == nullptr ? j + c : target.columns[j + c];
     double* to = target.values + static_cast<size_t>(column) * target.stride;
     if (is_contiguous && num_rows == kTileRows) {
-      tile.lanes[c][0].SubtractFrom(to + first);
-      tile.lanes[c][1].SubtractFrom(to + first + 4);
+      StoredFour* fours = reinterpret_cast<StoredFour*>(to + first);
+      fours[0] -= tile.fours[c][0];
+      fours[1] -= tile.fours[c][1];
       continue;
     }
     double values[kTileRows];
-    tile.lanes[c][0].Store(values);
-    tile.lanes[c][1].Store(values + 4);
+    std::memcpy(values, tile.fours[c], sizeof(values));
     if (is_contiguous) {
       for (int r = 0; r < num_rows; ++r) to[first + r] -= values[r];
     } else {

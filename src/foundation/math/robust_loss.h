@@ -12,8 +12,6 @@ namespace mgsfm {
 enum class RobustLossType {
   kTrivial,      // s
   kHuber,        // s up to a^2, then 2 a sqrt(s) - a^2
-  kSoftL1,       // 2 a^2 (sqrt(1 + s / a^2) - 1): |r| for large r
-  kLHalf,        // 4 a^2 ((1 + s / a^2)^(1/4) - 1): sqrt|r| for large r
   kCauchy,       // a^2 log(1 + s / a^2)
   kGemanMcClure  // s / (1 + s / a^2): bounded by a^2
 };
@@ -44,14 +42,6 @@ inline LossValue RobustLoss::Evaluate(double s) const {
       if (s <= a2) break;
       const double r = std::sqrt(s);
       return {2.0 * scale * r - a2, scale / r, -0.5 * scale / (s * r)};
-    }
-    case RobustLossType::kSoftL1: {
-      const double root = std::sqrt(t);
-      return {2.0 * a2 * (root - 1.0), 1.0 / root, -0.5 / (a2 * t * root)};
-    }
-    case RobustLossType::kLHalf: {
-      const double root = std::sqrt(std::sqrt(t));
-      return {4.0 * a2 * (root - 1.0), root / t, -0.75 * root / (a2 * t * t)};
     }
     case RobustLossType::kCauchy:
       return {a2 * std::log1p(s / a2), 1.0 / t, -1.0 / (a2 * t * t)};

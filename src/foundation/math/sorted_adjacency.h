@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <numeric>
-#include <vector>
+
+#include "math/item_groups.h"
 
 namespace mgsfm {
 
@@ -16,30 +16,21 @@ class SortedAdjacency {
   // twice and must visit the same edges.
   template <class ForEachEdge>
   SortedAdjacency(size_t num_nodes, const ForEachEdge& for_each_edge)
-      : offsets_(num_nodes + 1, 0) {
-    for_each_edge([&](uint32_t node1, uint32_t node2) {
-      ++offsets_[node1 + 1];
-      ++offsets_[node2 + 1];
-    });
-    std::partial_sum(offsets_.begin(), offsets_.end(), offsets_.begin());
-    neighbors_.resize(offsets_.back());
-    std::vector<size_t> next(offsets_.begin(), offsets_.end() - 1);
-    for_each_edge([&](uint32_t node1, uint32_t node2) {
-      neighbors_[next[node1]++] = node2;
-      neighbors_[next[node2]++] = node1;
-    });
+      : neighbors_(GroupItems<uint32_t>(num_nodes, [&](const auto& add) {
+          for_each_edge([&](uint32_t node1, uint32_t node2) {
+            add(node1, node2);
+            add(node2, node1);
+          });
+        })) {
+    const auto begin = neighbors_.items.begin();
     for (size_t node = 0; node < num_nodes; ++node) {
-      std::sort(neighbors_.begin() + offsets_[node],
-                neighbors_.begin() + offsets_[node + 1]);
+      std::sort(begin + neighbors_.offsets[node],
+                begin + neighbors_.offsets[node + 1]);
     }
   }
 
-  const uint32_t* begin(uint32_t node) const {
-    return neighbors_.data() + offsets_[node];
-  }
-  const uint32_t* end(uint32_t node) const {
-    return neighbors_.data() + offsets_[node + 1];
-  }
+  const uint32_t* begin(uint32_t node) const { return neighbors_.begin(node); }
+  const uint32_t* end(uint32_t node) const { return neighbors_.end(node); }
 
   // The number of common neighbors of a and b. Counting stops at `enough`.
   uint32_t NumCommonNeighbors(uint32_t a, uint32_t b,
@@ -59,8 +50,7 @@ class SortedAdjacency {
   }
 
  private:
-  std::vector<size_t> offsets_;
-  std::vector<uint32_t> neighbors_;
+  ItemGroups<uint32_t> neighbors_;
 };
 
 }  // namespace mgsfm

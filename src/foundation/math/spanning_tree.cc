@@ -2,50 +2,14 @@
 #include "math/spanning_tree.h"
 
 #include <algorithm>
-#include <numeric>
 
 #include "base/ranges.h"
+#include "math/item_groups.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
-namespace {
-
-// The edges incident to each node in flat arrays, in the order of `forest`.
-struct Adjacency {
-  std::vector<int> offsets;
-  std::vector<int> edges;
-
-  int Degree(int node) const { return offsets[node + 1] - offsets[node]; }
-};
-
-Adjacency BuildAdjacency(int num_nodes, const std::vector<GraphEdge>& edges,
-                         const std::vector<int>& forest) {
-  Adjacency adjacency;
-  adjacency.offsets.assign(num_nodes + 1, 0);
-  for (const int e : forest) {
-    ++adjacency.offsets[edges[e].node1 + 1];
-    ++adjacency.offsets[edges[e].node2 + 1];
-  }
-  std::partial_sum(adjacency.offsets.begin(), adjacency.offsets.end(),
-                   adjacency.offsets.begin());
-  adjacency.edges.resize(2 * forest.size());
-  std::vector<int> next(adjacency.offsets.begin(), adjacency.offsets.end() - 1);
-  for (const int e : forest) {
-    adjacency.edges[next[edges[e].node1]++] = e;
-    adjacency.edges[next[edges[e].node2]++] = e;
-  }
-  return adjacency;
-}
-
-std::vector<int> NodesByDegree(int num_nodes, const Adjacency& adjacency) {
-  std::vector<int> nodes = Indices(num_nodes);
-  StableSortDescendingBy(&nodes, [&](int a) { return adjacency.Degree(a); });
-  return nodes;
-}
-
-}  // namespace
 
 std::vector<int> MaximumSpanningForest(int num_nodes,
                                        const std::vector<GraphEdge>& edges) {
@@ -63,24 +27,31 @@ std::vector<int> MaximumSpanningForest(int num_nodes,
 std::vector<ForestStep> WalkForest(int num_nodes,
                                    const std::vector<GraphEdge>& edges,
                                    const std::vector<int>& forest) {
-  const Adjacency adjacency = BuildAdjacency(num_nodes, edges, forest);
+  // The edges at each node, in the order of `forest`.
+  const auto adjacent = GroupItems<int, int>(num_nodes, [&](const auto& add) {
+    for (const int e : forest) {
+      add(edges[e].node1, e);
+      add(edges[e].node2, e);
+    }
+  });
+  std::vector<int> by_degree = Indices(num_nodes);
+  StableSortDescendingBy(&by_degree, [&](int a) { return adjacent.Size(a); });
   Mask visited(num_nodes, false);
   std::vector<ForestStep> steps;
   steps.reserve(num_nodes);
-  for (const int root : NodesByDegree(num_nodes, adjacency)) {
+  for (const int root : by_degree) {
     if (visited[root]) continue;
     visited[root] = true;
     size_t next = steps.size();
     steps.push_back({root, std::nullopt});
     for (; next < steps.size(); ++next) {
       const int node = steps[next].node;
-      for (int i = adjacency.offsets[node]; i < adjacency.offsets[node + 1];
-           ++i) {
-        const GraphEdge& edge = edges[adjacency.edges[i]];
+      for (const int* e = adjacent.begin(node); e != adjacent.end(node); ++e) {
+        const GraphEdge& edge = edges[*e];
         const int other = edge.node1 == node ? edge.node2 : edge.node1;
         if (visited[other]) continue;
         visited[other] = true;
-        steps.push_back({other, ParentEdge{node, adjacency.edges[i]}});
+        steps.push_back({other, ParentEdge{node, *e}});
       }
     }
   }

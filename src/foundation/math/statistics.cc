@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -25,12 +26,8 @@ Eigen::Vector3d MedianOfCoordinates(
     const std::vector<Eigen::Vector3d>& vectors) {
   Eigen::Vector3d median;
   for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> values;
-    values.reserve(vectors.size());
-    for (const Eigen::Vector3d& vector : vectors) {
-      values.push_back(vector[axis]);
-    }
-    median[axis] = Median(std::move(values));
+    median[axis] = Median(Transformed(
+        vectors, [axis](const Eigen::Vector3d& v) { return v[axis]; }));
   }
   return median;
 }

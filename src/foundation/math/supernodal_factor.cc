@@ -95,7 +95,7 @@ void SupernodalFactor::MakePanels() {
 }
 
 void SupernodalFactor::ListUpdates() {
-  const auto visit = [this](const auto& function) {
+  updates_ = GroupItems<Update>(panels_.size(), [this](const auto& add) {
     for (int s = 0; s < NumSupernodes(); ++s) {
       const int* rows = rows_.data() + row_begin_[s];
       const int num_rows = NumRows(s);
@@ -107,23 +107,11 @@ void SupernodalFactor::ListUpdates() {
                         panels_[panel].width;
         int last = first;
         while (last < num_rows && rows[last] < end) ++last;
-        function(panel, Update{s, first, last});
+        max_num_rows_ = std::max(max_num_rows_, num_rows - first);
+        add(panel, Update{s, first, last});
         first = last;
       }
     }
-  };
-  update_begin_.assign(panels_.size() + 1, 0);
-  visit([&](int panel, const Update& update) {
-    ++update_begin_[panel + 1];
-    max_num_rows_ =
-        std::max(max_num_rows_, NumRows(update.supernode) - update.first);
-  });
-  std::partial_sum(update_begin_.begin(), update_begin_.end(),
-                   update_begin_.begin());
-  updates_.resize(update_begin_.back());
-  std::vector<size_t> next(update_begin_.begin(), update_begin_.end() - 1);
-  visit([&](int panel, const Update& update) {
-    updates_[next[panel]++] = update;
   });
 }
 
@@ -259,12 +247,77 @@ class SupernodalRun {
       has_failed_ = true;
     }
   }
-  void ComputePanel(int panel, Workspace* w);
+
+  void ComputePanel(int panel_idx, Workspace* w) {
+    const SupernodalFactor::Panel& panel = f_.panels_[panel_idx];
+    const int s = panel.supernode;
+    const int stride = f_.NumRows(s);
+    const Target to = {ValuesOf(panel) + panel.offset, stride - panel.offset,
+                       stride, f_.first_column_[s] + panel.offset};
+    const int* rows = f_.rows_.data() + f_.row_begin_[s] + panel.offset;
+    for (int i = 0; i < to.num_rows; ++i) w->position[rows[i]] = i;
+    AddEntries(panel, to, *w);
+    const auto& updates = f_.updates_;
+    for (const SupernodalFactor::Update* update = updates.begin(panel_idx);
+         update != updates.end(panel_idx); ++update) {
+      SubtractUpdate(*update, to, w);
+    }
+    SubtractOwnPanels(panel_idx, to, w);
+    if (!FactorizePanel(to.num_rows, panel.width, to.stride, to.values,
+                        &w->scratch)) {
+      has_failed_ = true;
+    }
+  }
+
   void AddEntries(const SupernodalFactor::Panel& panel, const Target& to,
-                  const Workspace& w);
+                  const Workspace& w) {
+    const bool is_permuted = !f_.column_begin_.empty();
+    const int* begin =
+        is_permuted ? f_.column_begin_.data() : H_.outerIndexPtr();
+    const int* rows = is_permuted ? f_.entry_row_.data() : H_.innerIndexPtr();
+    const double* values = H_.valuePtr();
+    for (int j = 0; j < panel.width; ++j) {
+      double* column = to.values + static_cast<size_t>(j) * to.stride;
+      std::fill_n(column, to.num_rows, 0.0);
+      const int first = to.first_row + j;
+      for (int k = begin[first]; k < begin[first + 1]; ++k) {
+        if (rows[k] < first) continue;
+        column[w.position[rows[k]]] +=
+            values[is_permuted ? f_.entry_source_[k] : k];
+      }
+    }
+  }
+
   void SubtractUpdate(const SupernodalFactor::Update& update, const Target& to,
-                      Workspace* w);
-  void SubtractOwnPanels(int panel, const Target& to, Workspace* w);
+                      Workspace* w) {
+    const int s = update.supernode;
+    const int stride = f_.NumRows(s);
+    const int num_rows = stride - update.first;
+    const int num_columns = update.last - update.first;
+    const int* rows = f_.rows_.data() + f_.row_begin_[s] + update.first;
+    for (int i = 0; i < num_rows; ++i) {
+      w->update_position[i] = w->position[rows[i]];
+    }
+    const PanelTarget target = {to.values, to.stride, w->update_position.data(),
+                                w->update_position.data()};
+    for (int p = f_.panel_begin_[s]; p < f_.panel_begin_[s + 1]; ++p) {
+      WaitFor(p);
+      const SupernodalFactor::Panel& panel = f_.panels_[p];
+      SubtractProduct({ValuesOf(panel) + update.first, stride}, num_rows,
+                      num_columns, panel.width, target, &w->scratch);
+    }
+  }
+
+  void SubtractOwnPanels(int panel_idx, const Target& to, Workspace* w) {
+    const SupernodalFactor::Panel& panel = f_.panels_[panel_idx];
+    for (int p = f_.panel_begin_[panel.supernode]; p < panel_idx; ++p) {
+      WaitFor(p);
+      const SupernodalFactor::Panel& before = f_.panels_[p];
+      SubtractProduct({ValuesOf(before) + panel.offset, to.stride}, to.num_rows,
+                      panel.width, before.width, {to.values, to.stride},
+                      &w->scratch);
+    }
+  }
 
   const SupernodalFactor& f_;
   const Eigen::SparseMatrix<double>& H_;
@@ -276,76 +329,6 @@ class SupernodalRun {
   std::condition_variable panel_done_;
   std::vector<Workspace*> free_;
 };
-
-void SupernodalRun::ComputePanel(int panel_idx, Workspace* w) {
-  const SupernodalFactor::Panel& panel = f_.panels_[panel_idx];
-  const int s = panel.supernode;
-  const int stride = f_.NumRows(s);
-  const Target to = {ValuesOf(panel) + panel.offset, stride - panel.offset,
-                     stride, f_.first_column_[s] + panel.offset};
-  const int* rows = f_.rows_.data() + f_.row_begin_[s] + panel.offset;
-  for (int i = 0; i < to.num_rows; ++i) w->position[rows[i]] = i;
-  AddEntries(panel, to, *w);
-  for (size_t k = f_.update_begin_[panel_idx];
-       k < f_.update_begin_[panel_idx + 1]; ++k) {
-    SubtractUpdate(f_.updates_[k], to, w);
-  }
-  SubtractOwnPanels(panel_idx, to, w);
-  if (!FactorizePanel(to.num_rows, panel.width, to.stride, to.values,
-                      &w->scratch)) {
-    has_failed_ = true;
-  }
-}
-
-void SupernodalRun::AddEntries(const SupernodalFactor::Panel& panel,
-                               const Target& to, const Workspace& w) {
-  const bool is_permuted = !f_.column_begin_.empty();
-  const int* begin = is_permuted ? f_.column_begin_.data() : H_.outerIndexPtr();
-  const int* rows = is_permuted ? f_.entry_row_.data() : H_.innerIndexPtr();
-  const double* values = H_.valuePtr();
-  for (int j = 0; j < panel.width; ++j) {
-    double* column = to.values + static_cast<size_t>(j) * to.stride;
-    std::fill_n(column, to.num_rows, 0.0);
-    const int first = to.first_row + j;
-    for (int k = begin[first]; k < begin[first + 1]; ++k) {
-      if (rows[k] < first) continue;
-      column[w.position[rows[k]]] +=
-          values[is_permuted ? f_.entry_source_[k] : k];
-    }
-  }
-}
-
-void SupernodalRun::SubtractUpdate(const SupernodalFactor::Update& update,
-                                   const Target& to, Workspace* w) {
-  const int s = update.supernode;
-  const int stride = f_.NumRows(s);
-  const int num_rows = stride - update.first;
-  const int num_columns = update.last - update.first;
-  const int* rows = f_.rows_.data() + f_.row_begin_[s] + update.first;
-  for (int i = 0; i < num_rows; ++i) {
-    w->update_position[i] = w->position[rows[i]];
-  }
-  const PanelTarget target = {to.values, to.stride, w->update_position.data(),
-                              w->update_position.data()};
-  for (int p = f_.panel_begin_[s]; p < f_.panel_begin_[s + 1]; ++p) {
-    WaitFor(p);
-    const SupernodalFactor::Panel& panel = f_.panels_[p];
-    SubtractProduct({ValuesOf(panel) + update.first, stride}, num_rows,
-                    num_columns, panel.width, target, &w->scratch);
-  }
-}
-
-void SupernodalRun::SubtractOwnPanels(int panel_idx, const Target& to,
-                                      Workspace* w) {
-  const SupernodalFactor::Panel& panel = f_.panels_[panel_idx];
-  for (int p = f_.panel_begin_[panel.supernode]; p < panel_idx; ++p) {
-    WaitFor(p);
-    const SupernodalFactor::Panel& before = f_.panels_[p];
-    SubtractProduct({ValuesOf(before) + panel.offset, to.stride}, to.num_rows,
-                    panel.width, before.width, {to.values, to.stride},
-                    &w->scratch);
-  }
-}
 
 bool SupernodalFactor::Factorize(const Eigen::SparseMatrix<double>& H,
                                  int num_threads, cholmod_factor* factor) {

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "math/item_groups.h"
 #include "math/panel_kernels.h"
 
 namespace mgsfm {
@@ -96,9 +97,8 @@ class SupernodalFactor {
   std::vector<int> entry_source_;
 
   std::vector<Panel> panels_;
-  std::vector<int> panel_begin_;      // per supernode
-  std::vector<size_t> update_begin_;  // per panel
-  std::vector<Update> updates_;       // ascending by supernode
+  std::vector<int> panel_begin_;  // per supernode
+  ItemGroups<Update> updates_;    // per panel, ascending by supernode
   int max_num_rows_ = 0;
   // Panels that one thread computes in sequence: one task per subtree, largest
   // first, then one task per panel above the subtrees.

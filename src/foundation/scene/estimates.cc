@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -33,11 +34,9 @@ bool Reconstruction::IsRegistered(const Scene& scene, int image_idx) const {
 }
 
 int Reconstruction::NumRegisteredImages(const Scene& scene) const {
-  int count = 0;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    count += IsRegistered(scene, static_cast<int>(i));
-  }
-  return count;
+  return static_cast<int>(
+      CountIf(Indices(scene.images.size()),
+              [&](int image_idx) { return IsRegistered(scene, image_idx); }));
 }
 
 void TransformWorld(const Sim3& new_from_old, Reconstruction* reconstruction) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "mgsfm/geometry/camera_models.h"
 
@@ -34,6 +35,14 @@ std::string SizeText(double width, double height) {
   return Text(width) + " x " + Text(height) + " px";
 }
 
+std::string SizeText(const Camera& camera) {
+  return SizeText(camera.width_px, camera.height_px);
+}
+
+std::string HasPrincipalPoint(double x, double y) {
+  return "has its principal point (" + Text(x) + ", " + Text(y) + ") ";
+}
+
 bool HasTwoFocalLengths(const Camera& camera) {
   const CameraModelInfo& info = ModelOf(camera);
   return info.focal_length_idxs.size() == 2 &&
@@ -53,7 +62,7 @@ std::optional<std::string> WhyBadFocalLength(const Camera& camera) {
     }
     return "has a focal length of " + Text(camera.params[i]) +
            " px, which is " + Text(ratio) + " times the longer side of " +
-           SizeText(camera.width_px, camera.height_px);
+           SizeText(camera);
   }
   if (HasTwoFocalLengths(camera)) {
     const double fx = camera.params[idxs[0]], fy = camera.params[idxs[1]];
@@ -71,16 +80,15 @@ std::optional<std::string> WhyBadPrincipalPoint(const Camera& camera) {
   const bool is_fraction =
       x <= 1.0 && y <= 1.0 && std::min(camera.width_px, camera.height_px) > 2;
   if (is_fraction && x > 0.0 && y > 0.0) {
-    return "has its principal point (" + Text(x) + ", " + Text(y) +
-           ") in the corner, which is in pixels, not in fractions of " +
-           SizeText(camera.width_px, camera.height_px);
+    return HasPrincipalPoint(x, y) +
+           "in the corner, which is in pixels, not in fractions of " +
+           SizeText(camera);
   }
   if (x >= 0.0 && x <= camera.width_px && y >= 0.0 && y <= camera.height_px) {
     return std::nullopt;
   }
-  return "has its principal point (" + Text(x) + ", " + Text(y) +
-         ") outside of the image of " +
-         SizeText(camera.width_px, camera.height_px);
+  return HasPrincipalPoint(x, y) + "outside of the image of " +
+         SizeText(camera);
 }
 
 // Compared with a pinhole camera of the same focal length, lenses magnify image
@@ -118,13 +126,12 @@ std::string DescribeWithoutRay(const Camera& camera, double share) {
   return "has a distortion that cannot be inverted, or magnifies more than " +
          Text(kMaxMagnification) + " times, in " +
          std::to_string(static_cast<int>(std::lround(100.0 * share))) +
-         " % of " + SizeText(camera.width_px, camera.height_px);
+         " % of " + SizeText(camera);
 }
 
 bool HasDistortion(const Camera& camera) {
   const std::vector<int>& idxs = ModelOf(camera).extra_params_idxs;
-  return std::any_of(idxs.begin(), idxs.end(),
-                     [&](int i) { return camera.params[i] != 0.0; });
+  return AnyOf(idxs, [&](int i) { return camera.params[i] != 0.0; });
 }
 
 // Describes a principal point that is the center of images of another size.
@@ -142,9 +149,8 @@ std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
       std::max(scale, 1.0 / scale) < kMinScaleOfOtherSize) {
     return std::nullopt;
   }
-  return "has its principal point (" + Text(0.5 * width) + ", " +
-         Text(0.5 * height) + ") far from the center of " +
-         SizeText(camera.width_px, camera.height_px) +
+  return HasPrincipalPoint(0.5 * width, 0.5 * height) +
+         "far from the center of " + SizeText(camera) +
          ", as intrinsics for images of about " +
          SizeText(std::round(width), std::round(height)) + " have";
 }
@@ -167,17 +173,16 @@ std::optional<std::string> WhyInOtherOrder(const Camera& camera) {
     return std::nullopt;
   }
   return "has fx " + Text(fx) + ", fy " + Text(fy) + " and cx " + Text(cx) +
-         " px for " + SizeText(camera.width_px, camera.height_px) +
+         " px for " + SizeText(camera) +
          ", as if fx, cx, fy, cy were given in place of fx, fy, cx, cy";
 }
 
 }  // namespace
 
 std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera) {
-  if (const auto problem = WhyBadFocalLength(camera))
-    return {{*problem, true, false}};
-  if (const auto problem = WhyBadPrincipalPoint(camera)) {
-    return {{*problem, true, false}};
+  for (const auto& problem :
+       {WhyBadFocalLength(camera), WhyBadPrincipalPoint(camera)}) {
+    if (problem) return {{*problem, true, false}};
   }
   const double share = HasDistortion(camera) ? ShareWithoutRay(camera) : 0.0;
   if (share > 0.5) {

@@ -9,6 +9,8 @@
 
 #include "base/natural_order.h"
 #include "base/parallel.h"
+#include "base/ranges.h"
+#include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -106,12 +108,9 @@ std::vector<int> SequenceOfFrames(const Scene& scene) {
   std::map<std::pair<int, std::string>, int> numbers;
   for (const Image& image : scene.images) {
     const Frame& frame = scene.frames[image.frame_idx];
-    const size_t slash = image.name.rfind('/');
-    const auto key =
-        IsSingle(scene, frame)
-            ? std::make_pair(-1, image.name.substr(
-                                     0, slash == std::string::npos ? 0 : slash))
-            : std::make_pair(frame.rig_idx, std::string());
+    const auto key = IsSingle(scene, frame)
+                         ? std::make_pair(-1, FolderOfName(image.name))
+                         : std::make_pair(frame.rig_idx, std::string());
     sequences[image.frame_idx] =
         numbers.emplace(key, static_cast<int>(numbers.size())).first->second;
   }
@@ -160,10 +159,9 @@ std::vector<int> OrderOfFrames(const Scene& scene) {
     if (!image.timestamp_s) has_times[sequences[image.frame_idx]] = false;
   }
   std::vector<double> times_s(scene.frames.size(), 0.0);
-  std::vector<int> order(scene.frames.size());
-  for (size_t i = 0; i < order.size(); ++i) {
-    order[i] = static_cast<int>(i);
-    if (has_times[sequences[i]]) times_s[i] = TimeOfFrame(scene, order[i]);
+  std::vector<int> order = Indices(scene.frames.size());
+  for (const int i : order) {
+    if (has_times[sequences[i]]) times_s[i] = TimeOfFrame(scene, i);
   }
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
     if (sequences[a] != sequences[b]) return sequences[a] < sequences[b];
@@ -235,18 +233,16 @@ Scene SplitRig(Scene scene, const std::string& frame_name) {
 Scene SeparateImages(Scene scene) {
   scene.rigs.clear();
   scene.frames.clear();
-  for (size_t s = 0; s < scene.sensors.size(); ++s) {
-    const int idx = static_cast<int>(s);
-    scene.sensors[s].rig_idx = idx;
+  for (const int s : Indices(scene.sensors.size())) {
+    scene.sensors[s].rig_idx = s;
     scene.sensors[s].sensor_from_rig = Rigid3();
-    scene.rigs.push_back({RigId(static_cast<uint32_t>(s + 1)), idx, {idx}});
+    scene.rigs.push_back({RigId(static_cast<uint32_t>(s + 1)), s, {s}});
   }
-  for (size_t i = 0; i < scene.images.size(); ++i) {
+  for (const int i : Indices(scene.images.size())) {
     Image& image = scene.images[i];
-    const int idx = static_cast<int>(i);
-    image.frame_idx = idx;
+    image.frame_idx = i;
     scene.frames.push_back(
-        {FrameId(image.id.value()), image.name, image.sensor_idx, {idx}});
+        {FrameId(image.id.value()), image.name, image.sensor_idx, {i}});
   }
   return scene;
 }
@@ -257,8 +253,7 @@ KeypointRays ComputeKeypointRays(
   rays.rays.reserve(keypoints_px.size());
   rays.is_valid.reserve(keypoints_px.size());
   for (const Eigen::Vector2f& keypoint_px : keypoints_px) {
-    rays.Append(RayFromPixel(camera.model, camera.params.data(),
-                             keypoint_px.cast<double>()));
+    rays.Append(RayFromPixel(camera, keypoint_px.cast<double>()));
   }
   return rays;
 }

@@ -2,19 +2,18 @@
 #include "scene/track_coverage.h"
 
 #include <algorithm>
-#include <numeric>
+
+#include "base/ranges.h"
 
 namespace mgsfm {
 
 TrackCoverage::TrackCoverage(const ObservationGroups& tracks, size_t num_images)
     : tracks_(tracks),
-      longest_first_(tracks.size()),
+      longest_first_(Indices<size_t>(tracks.size())),
       is_selected_(tracks.size(), false),
       num_tracks_of_image_(num_images, 0) {
-  std::iota(longest_first_.begin(), longest_first_.end(), size_t{0});
-  std::stable_sort(
-      longest_first_.begin(), longest_first_.end(),
-      [&](size_t a, size_t b) { return tracks.length(a) > tracks.length(b); });
+  StableSortDescendingBy(&longest_first_,
+                         [&](size_t track) { return tracks.length(track); });
 }
 
 void TrackCoverage::Select(size_t min_length, int num_per_image) {

@@ -3,6 +3,7 @@
 
 #include <limits>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
@@ -25,10 +26,8 @@ Rigid3 TypicalPose(const std::vector<Rigid3>& poses) {
     least_sum = sum;
     typical.rotation = poses[i].rotation;
   }
-  std::vector<Eigen::Vector3d> translations;
-  translations.reserve(poses.size());
-  for (const Rigid3& pose : poses) translations.push_back(pose.translation);
-  typical.translation = MedianOfCoordinates(translations);
+  typical.translation =
+      MedianOfCoordinates(Transformed(poses, &Rigid3::translation));
   return typical;
 }
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/ranges.h"
+
 namespace mgsfm {
 
 std::vector<Match> AllMatches(const ImagePair& pair) {
@@ -14,22 +16,17 @@ std::vector<Match> AllMatches(const ImagePair& pair) {
 
 std::vector<Match> OutliersOf(const std::vector<Match>& all_matches,
                               const std::vector<Match>& inliers) {
-  std::vector<uint32_t> taken1, taken2;
-  for (const Match& match : inliers) {
-    taken1.push_back(match.keypoint_idx1);
-    taken2.push_back(match.keypoint_idx2);
-  }
-  std::sort(taken1.begin(), taken1.end());
-  std::sort(taken2.begin(), taken2.end());
-  std::vector<Match> outliers;
-  for (const Match& match : all_matches) {
-    if (!std::binary_search(taken1.begin(), taken1.end(),
-                            match.keypoint_idx1) &&
-        !std::binary_search(taken2.begin(), taken2.end(),
-                            match.keypoint_idx2)) {
-      outliers.push_back(match);
-    }
-  }
+  const auto is_taken = [&](uint32_t Match::*keypoint_idx) {
+    std::vector<uint32_t> taken = Transformed(inliers, keypoint_idx);
+    std::sort(taken.begin(), taken.end());
+    return [=](const Match& match) {
+      return std::binary_search(taken.begin(), taken.end(),
+                                match.*keypoint_idx);
+    };
+  };
+  std::vector<Match> outliers = all_matches;
+  EraseIf(&outliers, is_taken(&Match::keypoint_idx1));
+  EraseIf(&outliers, is_taken(&Match::keypoint_idx2));
   return outliers;
 }
 

@@ -36,8 +36,7 @@ Eigen::Vector2d CenterOf(int x, int y) { return {x + 0.5, y + 0.5}; }
 // size.
 cv::Size ReducedSize(const Camera& camera, const View& view) {
   const double pixels_per_view_pixel =
-      PixelsPerRadian(camera.model, camera.params.data()) /
-      view.camera.params[0];
+      PixelsPerRadian(camera) / view.camera.params[0];
   const auto reduced = [&](int side) {
     const double factor = std::max(1.0, pixels_per_view_pixel);
     return std::max(1, static_cast<int>(std::lround(side / factor)));
@@ -119,11 +118,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool IsComplete(const fs::path& path) {
-  std::error_code ignored;
-  return fs::is_regular_file(path, ignored) && fs::file_size(path, ignored) > 0;
-}
-
 // The maps of a camera exist only from its first image to its last.
 class SharedRenderer {
  public:
@@ -149,10 +143,6 @@ class SharedRenderer {
   size_t num_left_ = 0;
 };
 
-bool HoldsFiles(const fs::path& folder) {
-  return fs::is_directory(folder) && !fs::is_empty(folder);
-}
-
 class ImageRun {
  public:
   ImageRun(const std::vector<Camera>& cameras,
@@ -166,14 +156,15 @@ class ImageRun {
 
   bool IsDone(const ImageTask& task) const {
     for (const std::string& name : task.view_names) {
-      if (!IsComplete(ImagePath(name))) return false;
-      if (options_.writes_masks && !IsComplete(MaskPath(name))) return false;
+      if (!IsWritten(ImagePath(name))) return false;
+      if (options_.writes_masks && !IsWritten(MaskPath(name))) return false;
     }
     return true;
   }
 
-  void MakeFolders(const std::vector<ImageTask>& tasks) {
+  void Prepare(const std::vector<ImageTask>& tasks) {
     for (const ImageTask& task : tasks) {
+      renderers_[task.camera_idx].AddImage();
       for (const std::string& name : task.view_names) {
         folders_.insert(ImagePath(name).parent_path());
         if (options_.writes_masks) {
@@ -184,28 +175,10 @@ class ImageRun {
     for (const fs::path& folder : folders_) fs::create_directories(folder);
   }
 
-  // The names of all files, and of the folders that hold them.
-  void SyncFolders() const {
-    std::set<fs::path> folders;
-    const size_t size = options_.output_path.native().size();
-    for (fs::path folder : folders_) {
-      for (; folder.native().size() > size; folder = folder.parent_path()) {
-        folders.insert(folder);
-      }
-    }
-    folders.insert(options_.output_path);
-    FileOperations operations;
-    for (const fs::path& folder : folders) operations.Sync(folder);
-  }
-
-  void LogWarnings(const Context& context) const { warnings_.Log(context); }
-
-  void AddTask(const ImageTask& task) {
-    renderers_[task.camera_idx].AddImage();
-  }
-
-  void WarnOfMasks(const Context& context) const {
+  void Finish(const Context& context) const {
+    if (!folders_.empty()) SyncFolders();
     masks_.WarnOfUselessMasks(context);
+    warnings_.Log(context);
   }
 
   void Run(const ImageTask& task) {
@@ -225,13 +198,27 @@ class ImageRun {
     return options_.output_path / "masks" / (view_name + ".png");
   }
 
+  // The names of all files, and of the folders that hold them.
+  void SyncFolders() const {
+    std::set<fs::path> folders;
+    const size_t size = options_.output_path.native().size();
+    for (fs::path folder : folders_) {
+      for (; folder.native().size() > size; folder = folder.parent_path()) {
+        folders.insert(folder);
+      }
+    }
+    folders.insert(options_.output_path);
+    FileOperations operations;
+    for (const fs::path& folder : folders) operations.Sync(folder);
+  }
+
   void WriteTask(const ImageTask& task) {
     const Camera& camera = cameras_[task.camera_idx];
     const std::vector<View>& views = views_of_camera_[task.camera_idx];
     const fs::path original_path = options_.image_path / task.name;
     const std::string file = ReadFile(original_path);
     const bool is_unchanged = IsUnchanged(camera, views);
-    const DecodedImage decoded = Decode(file, Colors(), camera);
+    const DecodedImage decoded = Decode(file, camera);
     if (decoded.is_nearly_black) {
       const std::lock_guard<std::mutex> lock(warnings_mutex_);
       warnings_.Add("image '" + task.name +
@@ -268,15 +255,12 @@ class ImageRun {
     }
   }
 
-  int Colors() const {
-    return options_.keeps_depth ? cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH
-                                : cv::IMREAD_ANYCOLOR;
-  }
-
-  static DecodedImage Decode(const std::string& file, int color,
-                             const Camera& camera) {
-    DecodedImage decoded = DecodeImage(
-        file, color | cv::IMREAD_IGNORE_ORIENTATION, kDefaultMaxNumPixels);
+  DecodedImage Decode(const std::string& file, const Camera& camera) const {
+    DecodedImage decoded =
+        DecodeImage(file,
+                    cv::IMREAD_ANYCOLOR | cv::IMREAD_IGNORE_ORIENTATION |
+                        (options_.keeps_depth ? cv::IMREAD_ANYDEPTH : 0),
+                    kDefaultMaxNumPixels);
     const cv::Mat& image = decoded.pixels;
     if (image.cols == camera.width_px && image.rows == camera.height_px) {
       return decoded;
@@ -346,7 +330,7 @@ void ContinueOrBegin(const fs::path& output_path, const std::string& settings,
   if (is_continued && ReadFile(path) == settings) return;
   for (const char* name : {"images", "masks"}) {
     const fs::path folder = output_path / name;
-    if (!HoldsFiles(folder)) continue;
+    if (!fs::is_directory(folder) || fs::is_empty(folder)) continue;
     throw Error("'" + folder.string() + "' holds images " +
                 (is_continued ? "of other settings or another input"
                               : "that this program did not write") +
@@ -362,28 +346,17 @@ ImageRunSummary WriteViews(
     const ImageRunOptions& options, const Context& context) {
   const Timer timer;
   ImageRun run(cameras, views_of_camera, options);
-  std::vector<ImageTask> left;
-  for (const ImageTask& task : tasks) {
-    if (!run.IsDone(task)) left.push_back(task);
-  }
-  run.MakeFolders(left);
+  std::vector<ImageTask> left = tasks;
+  EraseIf(&left, [&](const ImageTask& task) { return run.IsDone(task); });
+  run.Prepare(left);
   // Images of one camera are consecutive, so that few maps exist at a time.
   StableSortBy(&left, &ImageTask::camera_idx);
-  for (const ImageTask& task : left) run.AddTask(task);
   const QuietImageLibraries quiet;
-  ParallelFor(
-      left.size(), context.num_threads,
-      [&](size_t i) {
-        context.CheckInterrupted();
-        run.Run(left[i]);
-      },
-      1,
-      [&](size_t num_done) {
-        context.ReportProgress("undistortion: images", num_done, left.size());
-      });
-  if (!left.empty()) run.SyncFolders();
-  run.WarnOfMasks(context);
-  run.LogWarnings(context);
+  ParallelFor(left.size(), context, "undistortion: images", [&](size_t i) {
+    context.CheckInterrupted();
+    run.Run(left[i]);
+  });
+  run.Finish(context);
   return {left.size(), tasks.size() - left.size(), timer.Seconds()};
 }
 

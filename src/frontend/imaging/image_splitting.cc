@@ -9,6 +9,7 @@
 
 #include "base/file_reading.h"
 #include "base/grouped_warnings.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
@@ -115,11 +116,10 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
                    "folder");
       continue;
     }
-    ImageTask task{name, found->second, {}};
-    for (const View& view : folder.views) {
-      task.view_names.push_back(NameOfView(name, view.name));
-    }
-    plan.tasks.push_back(std::move(task));
+    plan.tasks.push_back(
+        {name, found->second, Transformed(folder.views, [&](const View& view) {
+           return NameOfView(name, view.name);
+         })});
   }
   warnings.Log(context);
   return plan;
@@ -295,15 +295,7 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
                             const Context& context) {
   CheckIsApart(input.output_path, input.image_path, input.mask_paths);
   const Plan plan = MakePlan(input, kind, options, context);
-  std::vector<Camera> cameras;
-  std::vector<std::vector<View>> views;
-  bool has_combined = false;
-  for (const ImageFolder& folder : plan.folders) {
-    cameras.push_back(folder.camera);
-    views.push_back(folder.views);
-    has_combined |= folder.is_combined;
-  }
-  if (!has_combined) {
+  if (!AnyOf(plan.folders, &ImageFolder::is_combined)) {
     throw Error("no image in '" + input.image_path.string() +
                 "' is twice as wide as high, as images of type " +
                 std::string(EnumName(kind)) +
@@ -319,7 +311,8 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
   CheckMasksOf(plan.tasks, input.mask_paths, context);
   ContinueOrBegin(input.output_path, Settings(input, plan, kind, options));
   const ImageRunSummary summary =
-      WriteViews(plan.tasks, cameras, views,
+      WriteViews(plan.tasks, Transformed(plan.folders, &ImageFolder::camera),
+                 Transformed(plan.folders, &ImageFolder::views),
                  {input.image_path, input.mask_paths, input.output_path,
                   !input.mask_paths.empty(), options.jpeg_quality, true},
                  context);

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -52,8 +53,6 @@ void FlattenNames(std::vector<NamedView>* views) {
   }
 }
 
-bool ByName(const NamedView& a, const NamedView& b) { return a.name < b.name; }
-
 // Outputs must not leave their folder.
 void CheckName(const std::string& name) {
   if (StaysInFolder(name)) return;
@@ -66,9 +65,8 @@ std::vector<NamedView> NameViews(
     const Scene& scene, const Reconstruction& reconstruction,
     const std::vector<std::vector<View>>& views_of_camera, ViewNaming naming) {
   std::vector<NamedView> named;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    const int image_idx = static_cast<int>(i);
-    const Image& image = scene.images[i];
+  for (const int image_idx : Indices(scene.images.size())) {
+    const Image& image = scene.images[image_idx];
     if (!reconstruction.IsRegistered(scene, image_idx)) continue;
     CheckName(image.name);
     const std::vector<View>& views = views_of_camera[image.camera_idx];
@@ -78,7 +76,7 @@ std::vector<NamedView> NameViews(
     }
   }
   if (naming == ViewNaming::kFlat) FlattenNames(&named);
-  std::stable_sort(named.begin(), named.end(), ByName);
+  StableSortBy(&named, &NamedView::name);
   const auto same = std::adjacent_find(
       named.begin(), named.end(),
       [](const NamedView& a, const NamedView& b) { return a.name == b.name; });
@@ -208,12 +206,12 @@ MovedKeypoints MoveKeypoints(
     context.CheckInterrupted();
     const Image& image = scene.images[i];
     if (!reconstruction.IsRegistered(scene, static_cast<int>(i))) return;
-    moved[i].reserve(image.keypoints_px.size());
-    for (const Eigen::Vector2f& keypoint_px : image.keypoints_px) {
-      moved[i].push_back(FindInViews(reconstruction.cameras[image.camera_idx],
-                                     views_of_camera[image.camera_idx],
-                                     keypoint_px.cast<double>()));
-    }
+    moved[i] = Transformed(
+        image.keypoints_px, [&](const Eigen::Vector2f& keypoint_px) {
+          return FindInViews(reconstruction.cameras[image.camera_idx],
+                             views_of_camera[image.camera_idx],
+                             keypoint_px.cast<double>());
+        });
   };
   ParallelFor(scene.images.size(), context.num_threads, move, 1);
   return moved;
@@ -252,8 +250,8 @@ std::optional<double> MeanError(const UndistortedModel& model,
     const Camera& camera = model.scene.cameras[image.camera_idx];
     const Rigid3 cam_from_world =
         *model.reconstruction.CamFromWorld(model.scene, o.image_idx);
-    const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
-                                      cam_from_world * point.point_in_world);
+    const auto pixel =
+        ProjectToPixel(camera, cam_from_world * point.point_in_world);
     if (!pixel) return std::nullopt;
     sum_px +=
         (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm();

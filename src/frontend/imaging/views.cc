@@ -44,12 +44,9 @@ const std::vector<Face>& CubeFaces() {
   return kFaces;
 }
 
-std::optional<Vector3d> Ray(const Camera& camera, const Vector2d& pixel) {
-  return RayFromPixel(camera.model, camera.params.data(), pixel);
-}
-
-std::optional<Vector2d> Project(const Camera& camera, const Vector3d& point) {
-  return ProjectToPixel(camera.model, camera.params.data(), point);
+bool IsPinhole(const Camera& camera) {
+  return camera.model == CameraModelId::kPinhole ||
+         camera.model == CameraModelId::kSimplePinhole;
 }
 
 bool IsInside(const Camera& camera, const Vector2d& pixel) {
@@ -128,7 +125,7 @@ double MaxViewAngle(const Camera& camera, const ViewOptions& options) {
   if (camera.model == CameraModelId::kEquirectangular) return kPi;
   double nearest = kPi;
   for (const Vector2d& pixel : PixelsOfBorder(camera).All()) {
-    const auto ray = Ray(camera, pixel);
+    const auto ray = RayFromPixel(camera, pixel);
     if (ray) nearest = std::min(nearest, AngleToAxis(*ray));
   }
   return std::max(nearest, 0.5 * kPi);
@@ -139,11 +136,12 @@ double MaxViewAngle(const Camera& camera, const ViewOptions& options) {
 std::optional<double> Magnification(const Camera& camera, const Camera& pinhole,
                                     const Vector2d& pixel) {
   const Vector2d center(pinhole.params[2], pinhole.params[3]);
-  const auto ray = Ray(camera, pixel);
-  const auto inner_ray = Ray(camera, pixel + (center - pixel).normalized());
+  const auto ray = RayFromPixel(camera, pixel);
+  const auto inner_ray =
+      RayFromPixel(camera, pixel + (center - pixel).normalized());
   if (!ray || !inner_ray) return std::nullopt;
-  const auto image = Project(pinhole, *ray);
-  const auto inner_image = Project(pinhole, *inner_ray);
+  const auto image = ProjectToPixel(pinhole, *ray);
+  const auto inner_image = ProjectToPixel(pinhole, *inner_ray);
   if (!image || !inner_image) return std::numeric_limits<double>::infinity();
   return (*image - *inner_image).norm();
 }
@@ -171,8 +169,8 @@ Extent ExtentOf(const std::vector<Vector2d>& pixels, int axis,
                 const Camera& camera, const Camera& pinhole) {
   Extent extent;
   for (const Vector2d& pixel : pixels) {
-    const auto ray = Ray(camera, pixel);
-    const auto image = ray ? Project(pinhole, *ray) : std::nullopt;
+    const auto ray = RayFromPixel(camera, pixel);
+    const auto image = ray ? ProjectToPixel(pinhole, *ray) : std::nullopt;
     if (!image) continue;
     extent.min = std::min(extent.min, (*image)(axis));
     extent.max = std::max(extent.max, (*image)(axis));
@@ -206,10 +204,7 @@ void SetSize(int width_px, int height_px, Camera* pinhole) {
 
 void FitToOriginal(const Camera& camera, const ViewOptions& options,
                    Camera* pinhole) {
-  if (camera.model == CameraModelId::kPinhole ||
-      camera.model == CameraModelId::kSimplePinhole) {
-    return;
-  }
+  if (IsPinhole(camera)) return;
   const BorderPixels border = PixelsOfBorder(camera);
   const auto scaled = [&](const std::vector<Vector2d>& begin,
                           const std::vector<Vector2d>& end, int axis,
@@ -342,9 +337,9 @@ std::vector<View> PlanViews(const Camera& camera, const ViewOptions& options) {
 std::optional<Vector2d> OriginalPixel(const Camera& camera, const View& view,
                                       const Vector2d& pixel) {
   const Vector3d ray =
-      view.view_from_cam.conjugate() * *Ray(view.camera, pixel);
+      view.view_from_cam.conjugate() * *RayFromPixel(view.camera, pixel);
   if (AngleToAxis(ray) > view.max_view_angle_rad) return std::nullopt;
-  const auto original = Project(camera, ray);
+  const auto original = ProjectToPixel(camera, ray);
   return original && IsInside(camera, *original) ? original : std::nullopt;
 }
 
@@ -352,14 +347,14 @@ std::optional<ViewPixel> FindInViews(const Camera& camera,
                                      const std::vector<View>& views,
                                      const Vector2d& pixel) {
   std::optional<ViewPixel> best;
-  const auto ray = Ray(camera, pixel);
+  const auto ray = RayFromPixel(camera, pixel);
   if (!ray || !IsInside(camera, pixel)) return best;
   double best_z = 0.0;
   for (size_t i = 0; i < views.size(); ++i) {
     const View& view = views[i];
     if (AngleToAxis(*ray) > view.max_view_angle_rad) continue;
     const Vector3d ray_in_view = view.view_from_cam * *ray;
-    const auto image = Project(view.camera, ray_in_view);
+    const auto image = ProjectToPixel(view.camera, ray_in_view);
     if (!image || !IsInside(view.camera, *image)) continue;
     if (ray_in_view.z() <= best_z) continue;
     best_z = ray_in_view.z();
@@ -384,9 +379,7 @@ bool HasBlankPixels(const Camera& camera, const View& view) {
 }
 
 bool IsUnchanged(const Camera& camera, const std::vector<View>& views) {
-  const bool is_pinhole = camera.model == CameraModelId::kPinhole ||
-                          camera.model == CameraModelId::kSimplePinhole;
-  if (!is_pinhole || views.size() != 1) return false;
+  if (!IsPinhole(camera) || views.size() != 1) return false;
   const Camera& view = views.front().camera;
   const std::vector<double> params =
       camera.model == CameraModelId::kPinhole

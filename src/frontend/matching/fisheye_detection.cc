@@ -63,24 +63,21 @@ Camera PerspectiveOf(const Camera& camera) {
 }
 
 Camera FisheyeOf(const Camera& camera, double field_of_view_deg) {
-  const double focal_px =
-      std::max(camera.width_px, camera.height_px) / DegToRad(field_of_view_deg);
-  return {camera.id,
-          CameraModelId::kSimpleFisheye,
-          camera.width_px,
-          camera.height_px,
-          {focal_px, 0.5 * camera.width_px, 0.5 * camera.height_px},
-          true};
+  Camera fisheye = PerspectiveOf(camera);
+  fisheye.model = CameraModelId::kSimpleFisheye;
+  fisheye.params[0] /= DegToRad(field_of_view_deg);
+  fisheye.has_prior_focal_length = true;
+  return fisheye;
 }
 
 size_t NumExplained(const SampledPair& pair, const Camera& camera,
                     const TwoViewGeometryOptions& options, Random random) {
   std::array<std::vector<std::optional<Eigen::Vector3d>>, 2> rays;
   for (size_t k = 0; k < 2; ++k) {
-    for (const Eigen::Vector2f& keypoint : pair.keypoints_px[k]) {
-      rays[k].push_back(RayFromPixel(camera.model, camera.params.data(),
-                                     keypoint.cast<double>()));
-    }
+    rays[k] =
+        Transformed(pair.keypoints_px[k], [&](const Eigen::Vector2f& keypoint) {
+          return RayFromPixel(camera, keypoint.cast<double>());
+        });
   }
   const VerificationView view1{&camera, &pair.keypoints_px[0], &rays[0]};
   const VerificationView view2{&camera, &pair.keypoints_px[1], &rays[1]};
@@ -108,8 +105,7 @@ SampledPair ReadPair(const FeatureDatabase& database, const Scene& scene,
   const std::vector<Match> matches =
       has_sift ? MatchDescriptors(views[0], views[1], options)
                : ReadMatchesOfPair(database, scene, pair);
-  CheckMatches(matches, keypoints[0].size(), keypoints[1].size(),
-               scene.images[idxs[0]].name, scene.images[idxs[1]].name);
+  CheckMatches(scene, pair, matches, keypoints[0].size(), keypoints[1].size());
   const size_t step = matches.size() / kMaxNumMatches + 1;
   for (size_t i = 0; i < matches.size(); i += step) {
     const FeatureKeypoint& a = keypoints[0][matches[i].keypoint_idx1];
@@ -141,54 +137,43 @@ std::map<int, std::vector<ImageIdxPair>> SelectPairs(
   }
   for (auto& [camera_idx, pairs] : pairs_of_camera) {
     std::sort(pairs.begin(), pairs.end());
-    if (pairs.size() <= kMaxNumSampledPairs) continue;
-    for (size_t i = 0; i < kMaxNumSampledPairs; ++i) {
-      pairs[i] = pairs[i * pairs.size() / kMaxNumSampledPairs];
-    }
-    pairs.resize(kMaxNumSampledPairs);
+    pairs = EvenlySpaced(pairs, kMaxNumSampledPairs);
   }
   return pairs_of_camera;
 }
 
-// Fractions of the matches that a pinhole and the fisheyes explain.
-struct Shares {
-  double perspective = 0.0;
-  std::array<double, kFieldsOfViewDeg.size()> fisheyes = {};
-};
+// Fractions of the matches that a pinhole, the first, and the fisheyes explain.
+constexpr size_t kNumLenses = kFieldsOfViewDeg.size() + 1;
+using Shares = std::array<double, kNumLenses>;
 
 Shares MeasureShares(const std::vector<SampledPair>& pairs,
                      const Camera& camera,
                      const TwoViewGeometryOptions& options,
                      const Context& context) {
-  constexpr size_t kNumLenses = kFieldsOfViewDeg.size() + 1;
+  std::vector<Camera> lenses = {PerspectiveOf(camera)};
+  for (const double field_of_view_deg : kFieldsOfViewDeg) {
+    lenses.push_back(FisheyeOf(camera, field_of_view_deg));
+  }
   std::vector<std::array<size_t, kNumLenses>> counts(pairs.size());
   ParallelFor(
       pairs.size(), context.num_threads,
       [&](size_t i) {
         context.CheckInterrupted();
         const Random random(context.random_seed, i);
-        counts[i][0] =
-            NumExplained(pairs[i], PerspectiveOf(camera), options, random);
-        for (size_t k = 1; k < kNumLenses; ++k) {
-          counts[i][k] =
-              NumExplained(pairs[i], FisheyeOf(camera, kFieldsOfViewDeg[k - 1]),
-                           options, random);
+        for (size_t k = 0; k < kNumLenses; ++k) {
+          counts[i][k] = NumExplained(pairs[i], lenses[k], options, random);
         }
       },
       1);
   double num_matches = 0.0;
-  std::array<double, kNumLenses> sums = {};
+  Shares shares = {};
   for (size_t i = 0; i < pairs.size(); ++i) {
     num_matches += static_cast<double>(pairs[i].matches.size());
     for (size_t k = 0; k < kNumLenses; ++k) {
-      sums[k] += static_cast<double>(counts[i][k]);
+      shares[k] += static_cast<double>(counts[i][k]);
     }
   }
-  Shares shares;
-  shares.perspective = sums[0] / num_matches;
-  for (size_t k = 1; k < kNumLenses; ++k) {
-    shares.fisheyes[k - 1] = sums[k] / num_matches;
-  }
+  for (double& share : shares) share /= num_matches;
   return shares;
 }
 
@@ -197,25 +182,23 @@ struct LensEvidence {
   int num_pairs = 0;
   Shares shares;
 
+  const double* BestFisheye() const {
+    return std::max_element(shares.data() + 1, shares.data() + kNumLenses);
+  }
   double FieldOfViewDeg() const {
-    const auto best =
-        std::max_element(shares.fisheyes.begin(), shares.fisheyes.end());
-    return kFieldsOfViewDeg[static_cast<size_t>(best -
-                                                shares.fisheyes.begin())];
+    return kFieldsOfViewDeg[BestFisheye() - (shares.data() + 1)];
   }
-  double UnexplainedByFisheye() const {
-    return 1.0 -
-           *std::max_element(shares.fisheyes.begin(), shares.fisheyes.end());
-  }
+  double UnexplainedByFisheye() const { return 1.0 - *BestFisheye(); }
+  double UnexplainedByPinhole() const { return 1.0 - shares[0]; }
 };
 
 bool PrefersFisheye(const LensEvidence& e) {
-  return 1.0 - e.shares.perspective > e.UnexplainedByFisheye() + kMinDifference;
+  return e.UnexplainedByPinhole() > e.UnexplainedByFisheye() + kMinDifference;
 }
 
 bool IsFisheye(const LensEvidence& e) {
   return PrefersFisheye(e) &&
-         1.0 - e.shares.perspective > kMinRatio * e.UnexplainedByFisheye();
+         e.UnexplainedByPinhole() > kMinRatio * e.UnexplainedByFisheye();
 }
 
 bool HaveOneSize(const Camera& a, const Camera& b) {
@@ -264,7 +247,7 @@ std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
     finding.unexplained_by_fisheye =
         std::max(finding.unexplained_by_fisheye, e.UnexplainedByFisheye());
     finding.unexplained_by_pinhole =
-        std::max(finding.unexplained_by_pinhole, 1.0 - e.shares.perspective);
+        std::max(finding.unexplained_by_pinhole, e.UnexplainedByPinhole());
     finding.field_of_view_deg = e.FieldOfViewDeg();
     finding.num_pairs += e.num_pairs;
     finding.cameras.push_back(NameOfCamera(scene, e.camera_idx));

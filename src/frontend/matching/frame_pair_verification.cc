@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "geometry/generalized_pose.h"
 #include "matching/scene_pairs.h"
@@ -55,10 +56,8 @@ std::optional<Rigid3> EstimateMotion(const std::vector<UnitImagePair>& pairs,
                                      const std::vector<PairRays>& rays,
                                      const TwoViewGeometryOptions& options,
                                      Random* random) {
-  std::vector<UnitMatches> matches;
   std::vector<PairPose> guesses;
   for (size_t p = 0; p < pairs.size(); ++p) {
-    matches.push_back(rays[p].matches);
     const auto& pose = pairs[p].single.relative_pose;
     if (!IsEligible(pairs[p]) || !pose || !pose->translation_direction) {
       continue;
@@ -69,7 +68,8 @@ std::optional<Rigid3> EstimateMotion(const std::vector<UnitImagePair>& pairs,
   RansacOptions ransac;
   ransac.confidence = options.confidence;
   ransac.max_num_trials = std::min(*options.max_num_trials, kMaxNumTrials);
-  return EstimateUnitPose(matches, guesses, ransac, random);
+  return EstimateUnitPose(Transformed(rays, &PairRays::matches), guesses,
+                          ransac, random);
 }
 
 // Indices into UnitImagePair::matches.
@@ -140,18 +140,16 @@ std::vector<std::optional<ImagePair>> VerifyUnits(
     const TwoViewGeometryOptions& two_view, const RigVerificationOptions& rig,
     Random random) {
   std::vector<std::optional<ImagePair>> results(pairs.size());
-  std::vector<PairRays> rays;
-  for (const UnitImagePair& pair : pairs) {
-    rays.push_back(CollectRays(pair, two_view.max_error));
-  }
+  const auto rays = Transformed(pairs, [&](const UnitImagePair& pair) {
+    return CollectRays(pair, two_view.max_error);
+  });
   const std::optional<Rigid3> motion =
       unit2_from_unit1 ? unit2_from_unit1
                        : EstimateMotion(pairs, rays, two_view, &random);
   if (!motion) return results;
-  std::vector<std::vector<size_t>> inliers;
-  for (const PairRays& pair_rays : rays) {
-    inliers.push_back(FindMatchInliers(pair_rays, *motion));
-  }
+  const auto inliers = Transformed(rays, [&](const PairRays& of_pair) {
+    return FindMatchInliers(of_pair, *motion);
+  });
   if (!IsAccepted(pairs, inliers, two_view, rig)) return results;
   for (size_t p = 0; p < pairs.size(); ++p) {
     if (!IsEligible(pairs[p])) continue;
@@ -270,11 +268,7 @@ class UnitPass {
         cache_.AddToBatch(pair.image_idx1, false);
         cache_.AddToBatch(pair.image_idx2, false);
         lists.push_back(ReadMatchesOfPair(databases_, scene_, pair));
-        CheckMatches(lists.back(),
-                     cache_.Get(pair.image_idx1).keypoints_px.size(),
-                     cache_.Get(pair.image_idx2).keypoints_px.size(),
-                     scene_.images[pair.image_idx1].name,
-                     scene_.images[pair.image_idx2].name);
+        cache_.Check(pair, lists.back());
       }
       inputs_.push_back(std::move(lists));
       ++*next;
@@ -357,9 +351,9 @@ class UnitPass {
   void Write() {
     DatabaseTransaction transaction(&databases_.output);
     for (const Result& result : results_) {
-      databases_.output.WriteTwoViewGeometry(MakePairRow(
-          scene_.images[result.pair.image_idx1].id,
-          scene_.images[result.pair.image_idx2].id, *result.changed));
+      const auto [id1, id2] = IdsOf(scene_, result.pair);
+      databases_.output.WriteTwoViewGeometry(
+          MakePairRow(id1, id2, *result.changed));
     }
     transaction.Commit();
   }

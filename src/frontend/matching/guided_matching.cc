@@ -2,7 +2,6 @@
 #include "matching/guided_matching.h"
 
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -10,6 +9,8 @@
 #include <tuple>
 #include <utility>
 
+#include "base/ranges.h"
+#include "geometry/decompositions.h"
 #include "geometry/epipolar.h"
 #include "matching/nearest_two.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -66,12 +67,10 @@ EpipolarPencil MakePencil(const VerificationView& view1,
   } else {
     pencil.E = LinearPart(*view2.camera).transpose() * *pair.F *
                LinearPart(*view1.camera);
-    const Eigen::JacobiSVD<Matrix3d> svd(
-        pencil.E, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    pencil.product_of_singular_values =
-        svd.singularValues()[0] * svd.singularValues()[1];
-    pencil.epipole1 = svd.matrixV().col(2);
-    pencil.epipole2 = svd.matrixU().col(2);
+    const Svd3 svd(pencil.E);
+    pencil.product_of_singular_values = svd.values[0] * svd.values[1];
+    pencil.epipole1 = svd.V.col(2);
+    pencil.epipole2 = svd.U.col(2);
     pencil.period = M_PI;
   }
   pencil.axis_x = pencil.epipole2.unitOrthogonal();
@@ -169,9 +168,7 @@ TileSelection SelectBand(const std::vector<KeypointPlane>& planes1,
   const auto first_at = [&](const PlaneRange& range, double azimuth) {
     const auto begin = planes2.begin();
     return static_cast<size_t>(
-        std::lower_bound(begin + static_cast<std::ptrdiff_t>(range.begin),
-                         begin + static_cast<std::ptrdiff_t>(range.end),
-                         azimuth,
+        std::lower_bound(begin + range.begin, begin + range.end, azimuth,
                          [](const KeypointPlane& plane, double value) {
                            return plane.azimuth < value;
                          }) -
@@ -248,18 +245,10 @@ std::optional<ImagePair> FindMotion(const MatchingView& view1,
   const bool has_planes = pair.config == TwoViewConfig::kCalibrated ||
                           pair.config == TwoViewConfig::kUncalibrated;
   if (!has_planes ||
-      static_cast<double>(pair.matches.size()) <
-          kMinExplainedShare * static_cast<double>(matches.size())) {
+      pair.matches.size() < kMinExplainedShare * matches.size()) {
     return std::nullopt;
   }
   return pair;
-}
-
-std::vector<uint32_t> KeypointsOf(const std::vector<KeypointPlane>& planes) {
-  std::vector<uint32_t> idxs;
-  idxs.reserve(planes.size());
-  for (const KeypointPlane& plane : planes) idxs.push_back(plane.keypoint_idx);
-  return idxs;
 }
 
 }  // namespace
@@ -317,12 +306,11 @@ std::vector<Match> MatchGuided(const MatchingView& view1,
   const std::vector<KeypointPlane> planes2 =
       PlanesOf(pencil, false, view2, size2, max_error_rad);
   const TileSelection tiles = SelectBand(planes1, planes2, pencil.period);
-  std::vector<Match> matches =
-      MatchListed(view1.descriptors, KeypointsOf(planes1), view2.descriptors,
-                  KeypointsOf(planes2), matching, &tiles);
-  std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
-    return a.keypoint_idx1 < b.keypoint_idx1;
-  });
+  std::vector<Match> matches = MatchListed(
+      view1.descriptors, Transformed(planes1, &KeypointPlane::keypoint_idx),
+      view2.descriptors, Transformed(planes2, &KeypointPlane::keypoint_idx),
+      matching, &tiles);
+  SortBy(&matches, &Match::keypoint_idx1);
   return matches;
 }
 

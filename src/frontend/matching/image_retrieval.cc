@@ -68,13 +68,7 @@ std::vector<FeaturePair> PairsOfWords(const WordImage& image1,
       }
     }
   });
-  if (pairs.size() <= kMaxNumPairs) return pairs;
-  // Selects pairs at equal spacing.
-  std::vector<FeaturePair> selected(kMaxNumPairs);
-  for (size_t i = 0; i < kMaxNumPairs; ++i) {
-    selected[i] = pairs[i * pairs.size() / kMaxNumPairs];
-  }
-  return selected;
+  return EvenlySpaced(pairs, kMaxNumPairs);
 }
 
 // The similarity of the image plane that maps feature1 to feature2.
@@ -362,12 +356,11 @@ class FrameRetrieval {
     for (Candidate& candidate : candidates) {
       Compare(query, similarities, &candidate);
     }
-    if (options_.num_images_after_verification > 0) Rerank(&candidates);
-    ImagePairList pairs;
-    for (const Candidate& candidate : candidates) {
-      pairs.insert(pairs.end(), candidate.pairs.begin(), candidate.pairs.end());
+    if (options_.num_images_after_verification > 0) {
+      KeepFirst(options_.num_images_after_verification,
+                &Candidate::num_consistent, &candidates);
     }
-    return pairs;
+    return Concatenated(Transformed(candidates, &Candidate::pairs));
   }
 
  private:
@@ -390,14 +383,9 @@ class FrameRetrieval {
           }
         }
       }
-      if (candidate.similarity > 0.0f) {
-        candidates.push_back(std::move(candidate));
-      }
+      if (candidate.similarity > 0.0f) candidates.push_back(candidate);
     }
-    KeepFirst(
-        options_.num_images,
-        [](const Candidate& candidate) { return candidate.similarity; },
-        &candidates);
+    KeepFirst(options_.num_images, &Candidate::similarity, &candidates);
     return candidates;
   }
 
@@ -431,16 +419,9 @@ class FrameRetrieval {
     }
   }
 
-  void Rerank(std::vector<Candidate>* candidates) const {
-    KeepFirst(
-        options_.num_images_after_verification,
-        [](const Candidate& candidate) { return candidate.num_consistent; },
-        candidates);
-  }
-
   // Keeps the candidates with the largest values; ties go to the first.
   template <class Value>
-  static void KeepFirst(int num_kept, const Value& value,
+  static void KeepFirst(int num_kept, Value Candidate::*value,
                         std::vector<Candidate>* candidates) {
     StableSortDescendingBy(candidates, value);
     if (candidates->size() > static_cast<size_t>(num_kept)) {
@@ -464,17 +445,9 @@ ImagePairList RetrievePairs(const std::vector<FrameSequence>& sequences,
                             const Context& context) {
   const FrameRetrieval retrieval(sequences, images, index, options);
   std::vector<ImagePairList> pairs_of_query(retrieval.num_queries());
-  ParallelFor(
-      pairs_of_query.size(), context.num_threads,
-      [&](size_t i) { pairs_of_query[i] = retrieval.Query(i); }, 1,
-      [&](size_t num_done) {
-        context.ReportProgress("image retrieval", num_done,
-                               pairs_of_query.size());
-      });
-  ImagePairList pairs;
-  for (const ImagePairList& list : pairs_of_query) {
-    pairs.insert(pairs.end(), list.begin(), list.end());
-  }
+  ParallelFor(pairs_of_query.size(), context, "image retrieval",
+              [&](size_t i) { pairs_of_query[i] = retrieval.Query(i); });
+  ImagePairList pairs = Concatenated(pairs_of_query);
   SortUnique(&pairs);
   return pairs;
 }

@@ -2,7 +2,7 @@
 #include "matching/key_frames.h"
 
 #include <algorithm>
-#include <optional>
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -14,15 +14,6 @@ namespace {
 
 // docs/results/constants.md has the measurement.
 constexpr double kMinShareOfInliers = 0.85;
-
-// The pair of the images of one sensor.
-std::optional<ImageIdxPair> PairOfSlot(const FrameSequence& sequence,
-                                       int frame1, int frame2, int slot) {
-  const std::optional<int> image1 = sequence.images[frame1][slot];
-  const std::optional<int> image2 = sequence.images[frame2][slot];
-  if (!image1 || !image2) return std::nullopt;
-  return MakePair(*image1, *image2);
-}
 
 // The intervals of one sequence. An interval of a length starts at a multiple
 // of it; two halves form the next longer one.
@@ -90,7 +81,7 @@ class Intervals {
  private:
   void AppendPairsOfFrames(int frame1, int frame2, ImagePairList* pairs) const {
     for (int slot = 0; slot < sequence_.num_slots; ++slot) {
-      const auto pair = PairOfSlot(sequence_, frame1, frame2, slot);
+      const auto pair = sequence_.Pair(frame1, slot, frame2, slot);
       if (pair) pairs->push_back(*pair);
     }
   }
@@ -101,7 +92,7 @@ class Intervals {
 
   size_t NumInliers(int frame1, int frame2, int slot,
                     const PairTrial& trial) const {
-    const auto pair = PairOfSlot(sequence_, frame1, frame2, slot);
+    const auto pair = sequence_.Pair(frame1, slot, frame2, slot);
     return pair ? trial.num_inliers(*pair) : 0;
   }
 
@@ -169,14 +160,12 @@ NeighborPairs SelectNeighbors(const Scene& scene,
   const ImagePairList probes = ProbePairs(keys.sequences, options);
   trial.match(probes, "matching of probe frames");
   NeighborPairs neighbors{{}, std::move(keys.ties)};
-  for (const ImagePairList& pairs :
-       {probes, SameSensorPairs(keys.sequences, options),
-        OverlappingSensorPairs(keys.sequences, sequences, options,
-                               [&](const ImageIdxPair& pair) {
-                                 return trial.num_inliers(pair) > 0;
-                               })}) {
-    neighbors.pairs.insert(neighbors.pairs.end(), pairs.begin(), pairs.end());
-  }
+  neighbors.pairs = Concatenated(std::array{
+      neighbors.pairs, probes, SameSensorPairs(keys.sequences, options),
+      OverlappingSensorPairs(keys.sequences, sequences, options,
+                             [&](const ImageIdxPair& pair) {
+                               return trial.num_inliers(pair) > 0;
+                             })});
   SortUnique(&neighbors.pairs);
   neighbors.key_frames = std::move(keys.sequences);
   return neighbors;

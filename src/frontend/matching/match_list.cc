@@ -112,7 +112,6 @@ std::vector<ListedMatches> ReadMatchList(
     }
   }
   std::vector<ListedMatches> lists;
-  lists.reserve(matches_of_pair.size());
   for (auto& [images, matches] : matches_of_pair) {
     lists.push_back({images, std::move(matches)});
   }

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string_view>
 
-#include "base/file_reading.h"
+#include "base/ranges.h"
 #include "matching/frame_pair_verification.h"
 #include "matching/key_frames.h"
 #include "matching/match_list.h"
@@ -111,16 +111,6 @@ void LogKeyFrames(const std::vector<FrameSequence>& key_frames,
                "are matched with their neighbors only");
 }
 
-// All pairs of images of two blocks, which may be the same.
-ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2) {
-  ImagePairList pairs;
-  for (int i = begin1; i < end1; ++i) {
-    for (int j = std::max(begin2, i + 1); j < end2; ++j)
-      pairs.push_back({i, j});
-  }
-  return pairs;
-}
-
 // Throws Error if a match refers to a missing keypoint.
 void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
                         const std::vector<ListedMatches>& lists) {
@@ -134,8 +124,7 @@ void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
   };
   for (const ListedMatches& list : lists) {
     const auto [idx1, idx2] = list.images;
-    CheckMatches(list.matches, count(idx1), count(idx2),
-                 scene.images[idx1].name, scene.images[idx2].name);
+    CheckMatches(scene, list.images, list.matches, count(idx1), count(idx2));
   }
 }
 
@@ -145,8 +134,7 @@ void WriteListedMatches(const Scene& scene,
                         MatchListType type, FeatureDatabase* database) {
   DatabaseTransaction transaction(database);
   for (const ListedMatches& list : lists) {
-    const ImageId id1 = scene.images[list.images.image_idx1].id;
-    const ImageId id2 = scene.images[list.images.image_idx2].id;
+    const auto [id1, id2] = IdsOf(scene, list.images);
     if (!database->HasMatches(id1, id2)) {
       database->WriteMatches(id1, id2, list.matches);
     }
@@ -247,12 +235,11 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
   if (type == MatchListType::kPairs) {
     pairs = SelectListed(scene, match_list_path);
   } else {
-    std::vector<std::string> names;
-    for (const Image& image : scene.images) names.push_back(image.name);
-    const auto lists = ReadMatchList(TextLines(match_list_path), names);
+    const auto lists = ReadMatchList(TextLines(match_list_path),
+                                     Transformed(scene.images, &Image::name));
     CheckListedMatches(*database, scene, lists);
     WriteListedMatches(scene, lists, type, database);
-    for (const ListedMatches& list : lists) pairs.push_back(list.images);
+    pairs = Transformed(lists, &ListedMatches::images);
   }
   Run run(database, scene, matching, context);
   run.Match(pairs, "matching of the list");

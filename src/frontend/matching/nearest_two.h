@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -9,6 +8,7 @@
 
 #include "matching/descriptor_matching.h"
 #include "matching/descriptor_products.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
@@ -40,19 +40,17 @@ class TileSelection {
   // Selects the tiles of `row` that contain descriptors begin to end - 1.
   void Select(size_t row, size_t begin, size_t end) {
     if (begin >= end) return;
-    const auto first =
-        is_selected_.begin() + static_cast<std::ptrdiff_t>(row * num_columns_);
-    std::fill(first + static_cast<std::ptrdiff_t>(begin / kTileColumns),
-              first + static_cast<std::ptrdiff_t>((end - 1) / kTileColumns + 1),
-              uint8_t{1});
+    const size_t first = row * num_columns_;
+    is_selected_.Fill(first + begin / kTileColumns,
+                      first + (end - 1) / kTileColumns + 1, true);
   }
   bool IsSelected(size_t row, size_t column) const {
-    return is_selected_[row * num_columns_ + column] != 0;
+    return is_selected_[row * num_columns_ + column];
   }
 
  private:
   size_t num_columns_;
-  std::vector<uint8_t> is_selected_;
+  Mask is_selected_;
 };
 
 // The exact two nearest neighbors of all descriptors of both images, by all dot

@@ -40,18 +40,17 @@ PairMatcher::PairMatcher(const MatchDatabases& databases, const Scene& scene,
       scene_(scene),
       options_(options),
       context_(context),
-      cache_(std::make_unique<FeatureCache>(
-          databases.features, scene,
-          static_cast<size_t>(options.cache_size_mib) << 20)) {
-  for (const auto& [pair, number] : CountMatches(databases, scene)) {
+      cache_(databases.features, scene,
+             static_cast<size_t>(options.cache_size_mib) << 20) {
+  for (const auto& [pair, number] :
+       CountRows(databases, scene, &FeatureDatabase::CountMatches)) {
     matched_.insert(pair);
   }
-  for (const auto& [pair, number] : CountInlierMatches(databases, scene)) {
-    num_inliers_.emplace(pair, number);
+  for (const auto& row :
+       CountRows(databases, scene, &FeatureDatabase::CountInlierMatches)) {
+    num_inliers_.insert(row);
   }
 }
-
-PairMatcher::~PairMatcher() = default;
 
 size_t PairMatcher::NumInliers(const ImageIdxPair& pair) const {
   const auto found = num_inliers_.find(pair);
@@ -65,10 +64,10 @@ size_t PairMatcher::NumInliers(const ImageIdxPair& pair) const {
 PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
                                      std::string_view stage,
                                      std::optional<ProgressSpan> span) {
-  ImagePairList todo;
-  for (const ImageIdxPair& pair : pairs) {
-    if (num_inliers_.count(pair) == 0) todo.push_back(pair);
-  }
+  ImagePairList todo = pairs;
+  EraseIf(&todo, [&](const ImageIdxPair& pair) {
+    return num_inliers_.count(pair) > 0;
+  });
   const size_t num_done = pairs.size() - todo.size();
   const ProgressSpan progress = span.value_or(ProgressSpan{0, pairs.size()});
   const auto report = [&](size_t num_new) {
@@ -102,9 +101,8 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
                    " pairs in the database");
   }
   PairMatchingSummary summary{pairs.size(), num_done, 0};
-  for (const ImageIdxPair& pair : pairs) {
-    summary.num_verified += NumInliers(pair) > 0 ? 1 : 0;
-  }
+  summary.num_verified = CountIf(
+      pairs, [&](const ImageIdxPair& pair) { return NumInliers(pair) > 0; });
   return summary;
 }
 
@@ -112,20 +110,20 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
 std::vector<ImageIdxPair> PairMatcher::NextBatch(const ImagePairList& pairs,
                                                  size_t* next) {
   std::vector<ImageIdxPair> batch;
-  cache_->StartBatch();
+  cache_.StartBatch();
   while (*next < pairs.size() && batch.size() < kMaxBatchSize) {
     const ImageIdxPair& pair = pairs[*next];
-    if (!batch.empty() && (!cache_->HasRoomFor(pair.image_idx1) ||
-                           !cache_->HasRoomFor(pair.image_idx2))) {
+    if (!batch.empty() && (!cache_.HasRoomFor(pair.image_idx1) ||
+                           !cache_.HasRoomFor(pair.image_idx2))) {
       break;
     }
     const bool needs_descriptors = matched_.count(pair) == 0;
-    cache_->AddToBatch(pair.image_idx1, needs_descriptors);
-    cache_->AddToBatch(pair.image_idx2, needs_descriptors);
+    cache_.AddToBatch(pair.image_idx1, needs_descriptors);
+    cache_.AddToBatch(pair.image_idx2, needs_descriptors);
     batch.push_back(pair);
     ++*next;
   }
-  cache_->ComputeRays(context_);
+  cache_.ComputeRays(context_);
   return batch;
 }
 
@@ -134,11 +132,10 @@ PairMatcher::Result PairMatcher::MatchPair(const ImageIdxPair& pair,
                                            bool has_matches) const {
   const Image& image1 = scene_.images[pair.image_idx1];
   const Image& image2 = scene_.images[pair.image_idx2];
-  const auto& features1 = cache_->Get(pair.image_idx1);
-  const auto& features2 = cache_->Get(pair.image_idx2);
+  const auto& features1 = cache_.Get(pair.image_idx1);
+  const auto& features2 = cache_.Get(pair.image_idx2);
   if (has_matches) {
-    CheckMatches(matches, features1.keypoints_px.size(),
-                 features2.keypoints_px.size(), image1.name, image2.name);
+    cache_.Check(pair, matches);
   } else {
     matches = MatchGuided(
         {features1.View(scene_.cameras[image1.camera_idx]),
@@ -159,14 +156,12 @@ void PairMatcher::Write(const std::vector<ImageIdxPair>& batch,
   DatabaseTransaction transaction(&databases_.output);
   for (size_t i = 0; i < batch.size(); ++i) {
     const Result& result = results[i];
+    const auto [id1, id2] = IdsOf(scene_, batch[i]);
     if (result.has_new_matches) {
-      databases_.output.WriteMatches(scene_.images[batch[i].image_idx1].id,
-                                     scene_.images[batch[i].image_idx2].id,
-                                     result.matches);
+      databases_.output.WriteMatches(id1, id2, result.matches);
     }
     databases_.output.WriteTwoViewGeometry(
-        MakePairRow(scene_.images[batch[i].image_idx1].id,
-                    scene_.images[batch[i].image_idx2].id, result.verified));
+        MakePairRow(id1, id2, result.verified));
   }
   transaction.Commit();
   for (size_t i = 0; i < batch.size(); ++i) {
@@ -216,10 +211,9 @@ ImagePairList PairsOfShare(const ImagePairList& pairs, const Scene& scene,
     return FramePair{first / frames_per_block, second / frames_per_block,
                      int{first}, int{second}};
   };
-  std::vector<std::pair<FramePair, ImageIdxPair>> order =
-      Transformed(pairs, [&](const ImageIdxPair& pair) {
-        return std::pair<FramePair, ImageIdxPair>(frames_of(pair), pair);
-      });
+  auto order = Transformed(pairs, [&](const ImageIdxPair& pair) {
+    return std::pair(frames_of(pair), pair);
+  });
   std::sort(order.begin(), order.end());
   // A pair of frames belongs to the share of its first image pair.
   const auto first_of_group = [&](size_t i) {

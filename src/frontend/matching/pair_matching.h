@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <map>
-#include <memory>
 #include <optional>
 #include <set>
 #include <string_view>
@@ -17,8 +16,6 @@
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
-
-class FeatureCache;
 
 // Progress of a list of pairs that is one of several: the number of pairs in
 // previous lists, and in all lists.
@@ -35,7 +32,6 @@ class PairMatcher {
   // Reads which pairs the databases contain.
   PairMatcher(const MatchDatabases& databases, const Scene& scene,
               const PairMatchingOptions& options, const Context& context);
-  ~PairMatcher();
 
   // Matches each pair without matches and verifies each pair without two-view
   // geometry. Reports progress within `span`, by default for `pairs` alone.
@@ -58,7 +54,7 @@ class PairMatcher {
   const Scene& scene_;
   const PairMatchingOptions& options_;
   const Context& context_;
-  std::unique_ptr<FeatureCache> cache_;
+  FeatureCache cache_;
   std::set<ImageIdxPair> matched_;
   std::map<ImageIdxPair, size_t> num_inliers_;  // of pairs with a geometry
 };

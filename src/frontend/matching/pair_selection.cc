@@ -2,6 +2,7 @@
 #include "matching/pair_selection.h"
 
 #include <algorithm>
+#include <array>
 #include <flann/flann.hpp>
 #include <limits>
 #include <map>
@@ -52,12 +53,9 @@ std::vector<int> ProbeFrames(const FrameSequence& sequence,
                              const SequentialPairOptions& options) {
   const int num_probes =
       std::min(*options.num_probe_frames, sequence.num_frames());
-  std::vector<int> frames(num_probes);
-  for (int i = 0; i < num_probes; ++i) {
-    frames[i] =
-        static_cast<int>(int64_t{i} * sequence.num_frames() / num_probes);
-  }
-  return frames;
+  return Transformed(Indices(num_probes), [&](int i) {
+    return static_cast<int>(int64_t{i} * sequence.num_frames() / num_probes);
+  });
 }
 
 // Calls visit(slot1, slot2, pair) for all images of different sensors in two
@@ -69,10 +67,8 @@ void ForEachSensorPair(const FrameSequence& sequence, int frame1, int frame2,
   for (int slot1 = 0; slot1 < sequence.num_slots; ++slot1) {
     for (int slot2 = 0; slot2 < sequence.num_slots; ++slot2) {
       if (slot1 == slot2 || (frame1 == frame2 && slot1 > slot2)) continue;
-      const std::optional<int> image1 = sequence.images[frame1][slot1];
-      const std::optional<int> image2 = sequence.images[frame2][slot2];
-      if (!image1 || !image2) continue;
-      visit(slot1, slot2, MakePair(*image1, *image2));
+      const auto pair = sequence.Pair(frame1, slot1, frame2, slot2);
+      if (pair) visit(slot1, slot2, *pair);
     }
   }
 }
@@ -157,10 +153,8 @@ ImagePairList SameSensorPairs(const std::vector<FrameSequence>& sequences,
       for (const int distance : distances) {
         if (frame + distance >= sequence.num_frames()) break;
         for (int slot = 0; slot < sequence.num_slots; ++slot) {
-          const auto& image1 = sequence.images[frame][slot];
-          const auto& image2 = sequence.images[frame + distance][slot];
-          if (!image1 || !image2) continue;
-          pairs.push_back(MakePair(*image1, *image2));
+          const auto pair = sequence.Pair(frame, slot, frame + distance, slot);
+          if (pair) pairs.push_back(*pair);
         }
       }
     }
@@ -271,25 +265,16 @@ class NearestImages {
 
   // Indices of images, nearest first; ties go to the smaller index.
   std::vector<int> Find(size_t query) const {
-    struct Neighbor {
-      double squared_distance;
-      int image_idx;
-      bool operator<(const Neighbor& other) const {
-        return squared_distance != other.squared_distance
-                   ? squared_distance < other.squared_distance
-                   : image_idx < other.image_idx;
-      }
-    };
-    std::vector<Neighbor> neighbors;
+    std::vector<std::pair<double, int>> neighbors;  // squared distance, image
     for (const size_t i : FindCandidates(query)) {
       const double squared_distance =
           (images_[i].position - images_[query].position).squaredNorm();
       if (i == query || squared_distance > max_squared_distance_) continue;
-      neighbors.push_back({squared_distance, images_[i].image_idx});
+      neighbors.emplace_back(squared_distance, images_[i].image_idx);
     }
     std::sort(neighbors.begin(), neighbors.end());
     if (neighbors.size() > max_num_) neighbors.resize(max_num_);
-    return Transformed(neighbors, &Neighbor::image_idx);
+    return Transformed(neighbors, &std::pair<double, int>::second);
   }
 
  private:
@@ -338,10 +323,7 @@ ImagePairList SpatialPairs(
       pairs_of_image[i].push_back(MakePair(images[i].image_idx, image_idx));
     }
   });
-  ImagePairList pairs;
-  for (const ImagePairList& list : pairs_of_image) {
-    pairs.insert(pairs.end(), list.begin(), list.end());
-  }
+  ImagePairList pairs = Concatenated(pairs_of_image);
   SortUnique(&pairs);
   return pairs;
 }
@@ -386,19 +368,21 @@ std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
   });
 }
 
-void Append(const ImagePairList& others, ImagePairList* pairs) {
-  pairs->insert(pairs->end(), others.begin(), others.end());
-}
-
 }  // namespace
+
+ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2) {
+  ImagePairList pairs;
+  for (int i = begin1; i < end1; ++i) {
+    for (int j = std::max(begin2, i + 1); j < end2; ++j) {
+      pairs.push_back({i, j});
+    }
+  }
+  return pairs;
+}
 
 ImagePairList SelectExhaustively(const Scene& scene) {
   const int num_images = static_cast<int>(scene.images.size());
-  ImagePairList pairs;
-  for (int i = 0; i < num_images; ++i) {
-    for (int j = i + 1; j < num_images; ++j) pairs.push_back({i, j});
-  }
-  return pairs;
+  return BlockPairs(0, num_images, 0, num_images);
 }
 
 ImagePairList SelectSequentially(const FeatureDatabase& database,
@@ -418,9 +402,9 @@ ImagePairList SelectSequentially(const FeatureDatabase& database,
        },
        [&](const ImageIdxPair& pair) { return matcher.NumInliers(pair); }});
   if (options.loop_detection) {
-    Append(
-        SelectLoops(database, scene, key_frames, options, vocabulary, context),
-        &pairs);
+    pairs = Concatenated(
+        std::array{pairs, SelectLoops(database, scene, key_frames, options,
+                                      vocabulary, context)});
   }
   SortUnique(&pairs);
   return pairs;
@@ -464,9 +448,8 @@ ImagePairList SelectSpatially(const FeatureDatabase& database,
 }
 
 ImagePairList SelectListed(const Scene& scene, const std::string& list_path) {
-  std::vector<std::string> names;
-  for (const Image& image : scene.images) names.push_back(image.name);
-  return ReadPairList(TextLines(list_path), names);
+  return ReadPairList(TextLines(list_path),
+                      Transformed(scene.images, &Image::name));
 }
 
 void WritePairList(const ImagePairList& pairs, const Scene& scene,

@@ -32,6 +32,10 @@ struct ImageIdxPair {
   }
 };
 
+inline ImageIdxPair MakePair(int image_idx1, int image_idx2) {
+  return {std::min(image_idx1, image_idx2), std::max(image_idx1, image_idx2)};
+}
+
 // Sorted, without duplicates.
 using ImagePairList = std::vector<ImageIdxPair>;
 
@@ -47,6 +51,14 @@ struct FrameSequence {
   std::vector<std::vector<std::optional<int>>> images;
 
   int num_frames() const { return static_cast<int>(images.size()); }
+  // nullopt unless both frames have an image.
+  std::optional<ImageIdxPair> Pair(int frame1, int slot1, int frame2,
+                                   int slot2) const {
+    const auto& image1 = images[frame1][slot1];
+    const auto& image2 = images[frame2][slot2];
+    if (!image1 || !image2) return std::nullopt;
+    return MakePair(*image1, *image2);
+  }
 };
 
 std::vector<FrameSequence> MakeFrameSequences(const Scene& scene);
@@ -82,15 +94,14 @@ ImagePairList SpatialPairs(
     const std::vector<std::optional<Eigen::Vector3d>>& position_of_image,
     const SpatialMatchingOptions& options, const Context& context);
 
-inline ImageIdxPair MakePair(int image_idx1, int image_idx2) {
-  return {std::min(image_idx1, image_idx2), std::max(image_idx1, image_idx2)};
-}
-
 // The pairs that the functions of matching.h match, without matching them. They
 // depend on features, positions, names and options only, so that processes that
 // match one share each agree on them.
 
 ImagePairList SelectExhaustively(const Scene& scene);
+
+// All pairs of images of two blocks, which may be the same.
+ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2);
 
 // Matches the pairs of key frame selection and of probes (key_frames.h) in a
 // temporary file.

@@ -3,11 +3,12 @@
 
 #include <algorithm>
 #include <string>
-#include <tuple>
 #include <utility>
 
+#include "base/fingerprint.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranges.h"
 #include "matching/guided_matching.h"
 #include "matching/pair_selection.h"
 #include "mgsfm/base/error.h"
@@ -15,27 +16,18 @@
 
 namespace mgsfm {
 
-std::optional<int> ImageIdxs::Find(ImageId id) const {
-  const auto found = idxs_.find(id);
-  if (found == idxs_.end()) return std::nullopt;
-  return found->second;
-}
-
 std::optional<ImageIdxPair> ImageIdxs::Find(const PairCount& row) const {
-  const auto image1 = Find(row.image_id1);
-  const auto image2 = Find(row.image_id2);
-  if (!image1 || !image2) return std::nullopt;
-  return MakePair(*image1, *image2);
+  const auto image1 = idxs_.find(row.image_id1);
+  const auto image2 = idxs_.find(row.image_id2);
+  if (image1 == idxs_.end() || image2 == idxs_.end()) return std::nullopt;
+  return MakePair(image1->second, image2->second);
 }
 
-namespace {
-
-using PairCounts = std::vector<std::pair<ImageIdxPair, size_t>>;
-
-PairCounts CountRows(const MatchDatabases& databases, const Scene& scene,
-                     std::vector<PairCount> (FeatureDatabase::*rows)() const) {
+std::vector<std::pair<ImageIdxPair, size_t>> CountRows(
+    const MatchDatabases& databases, const Scene& scene,
+    std::vector<PairCount> (FeatureDatabase::*rows)() const) {
   const ImageIdxs image_idxs(scene);
-  PairCounts pairs;
+  std::vector<std::pair<ImageIdxPair, size_t>> pairs;
   for (const FeatureDatabase* database :
        {&std::as_const(databases.output), &databases.features}) {
     for (const PairCount& row : (database->*rows)()) {
@@ -48,25 +40,18 @@ PairCounts CountRows(const MatchDatabases& databases, const Scene& scene,
   return pairs;
 }
 
-}  // namespace
-
-PairCounts CountMatches(const MatchDatabases& databases, const Scene& scene) {
-  return CountRows(databases, scene, &FeatureDatabase::CountMatches);
-}
-
-PairCounts CountInlierMatches(const MatchDatabases& databases,
-                              const Scene& scene) {
-  return CountRows(databases, scene, &FeatureDatabase::CountInlierMatches);
+std::pair<ImageId, ImageId> IdsOf(const Scene& scene,
+                                  const ImageIdxPair& pair) {
+  return {scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id};
 }
 
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const Scene& scene,
                                      const ImageIdxPair& pair) {
-  std::vector<Match> matches = database.ReadMatches(
-      scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id);
-  std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
-    return std::tie(a.keypoint_idx1, a.keypoint_idx2) <
-           std::tie(b.keypoint_idx1, b.keypoint_idx2);
+  const auto [id1, id2] = IdsOf(scene, pair);
+  std::vector<Match> matches = database.ReadMatches(id1, id2);
+  SortBy(&matches, [](const Match& match) {
+    return std::pair(match.keypoint_idx1, match.keypoint_idx2);
   });
   return matches;
 }
@@ -74,23 +59,23 @@ std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
 std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
                                      const Scene& scene,
                                      const ImageIdxPair& pair) {
+  const auto [id1, id2] = IdsOf(scene, pair);
   const bool is_output =
-      databases.AreOne() ||
-      databases.output.HasMatches(scene.images[pair.image_idx1].id,
-                                  scene.images[pair.image_idx2].id);
+      databases.AreOne() || databases.output.HasMatches(id1, id2);
   return ReadMatchesOfPair(is_output ? databases.output : databases.features,
                            scene, pair);
 }
 
-void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
-                  size_t num_keypoints2, const std::string& image_name1,
-                  const std::string& image_name2) {
+void CheckMatches(const Scene& scene, const ImageIdxPair& pair,
+                  const std::vector<Match>& matches, size_t num_keypoints1,
+                  size_t num_keypoints2) {
   for (const Match& match : matches) {
     if (match.keypoint_idx1 < num_keypoints1 &&
         match.keypoint_idx2 < num_keypoints2) {
       continue;
     }
-    throw Error("a match of images '" + image_name1 + "' and '" + image_name2 +
+    throw Error("a match of images '" + scene.images[pair.image_idx1].name +
+                "' and '" + scene.images[pair.image_idx2].name +
                 "' refers to keypoints " + std::to_string(match.keypoint_idx1) +
                 " and " + std::to_string(match.keypoint_idx2) +
                 ", but the images have " + std::to_string(num_keypoints1) +
@@ -101,15 +86,11 @@ void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
 
 uint64_t PairSeed(const std::string& image_name1,
                   const std::string& image_name2, uint64_t random_seed) {
-  // FNV-1a with the constants of the 64-bit variant.
-  uint64_t hash = 0xcbf29ce484222325ull;
-  const auto add = [&](unsigned char byte) {
-    hash = (hash ^ byte) * 0x100000001b3ull;
-  };
-  for (const char c : image_name1) add(static_cast<unsigned char>(c));
-  add(0);
-  for (const char c : image_name2) add(static_cast<unsigned char>(c));
-  return Random(random_seed, hash).NextBits();
+  Fingerprint names;
+  for (const char c : image_name1) names.Add(c);
+  names.Add('\0');
+  for (const char c : image_name2) names.Add(c);
+  return Random(random_seed, names.hash()).NextBits();
 }
 
 DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,
@@ -141,6 +122,12 @@ bool FeatureCache::HasRoomFor(int image_idx) const {
   const auto found = features_.find(image_idx);
   return (found != features_.end() && found->second.last_batch == batch_) ||
          num_batch_bytes_ < max_num_bytes_;
+}
+
+void FeatureCache::Check(const ImageIdxPair& pair,
+                         const std::vector<Match>& matches) const {
+  CheckMatches(scene_, pair, matches, Get(pair.image_idx1).keypoints_px.size(),
+               Get(pair.image_idx2).keypoints_px.size());
 }
 
 void FeatureCache::AddToBatch(int image_idx, bool needs_descriptors) {
@@ -197,8 +184,8 @@ void FeatureCache::ComputeRays(const Context& context) {
             scene_.cameras[scene_.images[image_idx].camera_idx];
         features->rays.reserve(features->keypoints_px.size());
         for (const Eigen::Vector2f& keypoint : features->keypoints_px) {
-          features->rays.push_back(RayFromPixel(
-              camera.model, camera.params.data(), keypoint.cast<double>()));
+          features->rays.push_back(
+              RayFromPixel(camera, keypoint.cast<double>()));
         }
       },
       1);

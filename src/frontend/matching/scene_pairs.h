@@ -27,12 +27,13 @@ namespace mgsfm {
 class ImageIdxs {
  public:
   explicit ImageIdxs(const Scene& scene) : idxs_(IndexById(scene.images)) {}
-  std::optional<int> Find(ImageId id) const;
   std::optional<ImageIdxPair> Find(const PairCount& row) const;
 
  private:
   std::map<ImageId, int> idxs_;
 };
+
+std::pair<ImageId, ImageId> IdsOf(const Scene& scene, const ImageIdxPair& pair);
 
 // The database with the features, which may be read-only, and the database for
 // matches. They are the same, or the second is a shard.
@@ -44,10 +45,9 @@ struct MatchDatabases {
 };
 
 // Pairs with a row in either database, by index.
-std::vector<std::pair<ImageIdxPair, size_t>> CountMatches(
-    const MatchDatabases& databases, const Scene& scene);
-std::vector<std::pair<ImageIdxPair, size_t>> CountInlierMatches(
-    const MatchDatabases& databases, const Scene& scene);
+std::vector<std::pair<ImageIdxPair, size_t>> CountRows(
+    const MatchDatabases& databases, const Scene& scene,
+    std::vector<PairCount> (FeatureDatabase::*rows)() const);
 
 // The matches of a pair, with the order of images of the scene, sorted by
 // keypoint indices; from the output database if it has a row of the pair.
@@ -59,9 +59,9 @@ std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
                                      const ImageIdxPair& pair);
 
 // Throws Error, naming the images, if a match refers to a missing keypoint.
-void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
-                  size_t num_keypoints2, const std::string& image_name1,
-                  const std::string& image_name2);
+void CheckMatches(const Scene& scene, const ImageIdxPair& pair,
+                  const std::vector<Match>& matches, size_t num_keypoints1,
+                  size_t num_keypoints2);
 
 // Seed of a pair that depends on names only, not on ids or processing order.
 uint64_t PairSeed(const std::string& image_name1,
@@ -111,6 +111,8 @@ class FeatureCache {
   const ImageFeatures& Get(int image_idx) const {
     return features_.at(image_idx);
   }
+  // CheckMatches() of two images of the batch.
+  void Check(const ImageIdxPair& pair, const std::vector<Match>& matches) const;
 
  private:
   void Read(int image_idx);

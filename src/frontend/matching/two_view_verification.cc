@@ -3,10 +3,12 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "matching/ray_models.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -37,17 +39,11 @@ bool IsPinhole(const Camera& camera) {
 
 // A pinhole with moderate distortion, for which F in pixels nearly holds.
 bool IsPerspective(const Camera& camera) {
-  switch (camera.model) {
-    case CameraModelId::kSimplePinhole:
-    case CameraModelId::kPinhole:
-    case CameraModelId::kSimpleRadial:
-    case CameraModelId::kRadial:
-    case CameraModelId::kOpenCV:
-    case CameraModelId::kFullOpenCV:
-      return true;
-    default:
-      return false;
-  }
+  return Contains(
+      std::array{CameraModelId::kSimplePinhole, CameraModelId::kPinhole,
+                 CameraModelId::kSimpleRadial, CameraModelId::kRadial,
+                 CameraModelId::kOpenCV, CameraModelId::kFullOpenCV},
+      camera.model);
 }
 
 }  // namespace
@@ -91,8 +87,8 @@ bool IsCalibrated(const Camera& camera1, const Camera& camera2) {
 
 bool IsRotationEnough(const std::vector<size_t>& rotation_inliers,
                       const std::vector<size_t>& homography_inliers) {
-  return static_cast<double>(rotation_inliers.size()) >=
-         kMinRotationRatio * static_cast<double>(homography_inliers.size());
+  return rotation_inliers.size() >=
+         kMinRotationRatio * homography_inliers.size();
 }
 
 // The rays of a pair's matches, and those that agree with a model.
@@ -213,8 +209,7 @@ class PairVerifier {
  private:
   bool HasEnough(size_t num_inliers) const {
     return num_inliers >= static_cast<size_t>(options_.min_num_inliers) &&
-           static_cast<double>(num_inliers) >=
-               options_.min_inlier_ratio * static_cast<double>(matches_.size());
+           num_inliers >= options_.min_inlier_ratio * matches_.size();
   }
 
   // Pairs with a smaller inlier ratio are rejected anyway.
@@ -253,14 +248,9 @@ class PairVerifier {
     RansacOptions ransac = ransac_;
     ransac.max_num_trials =
         RequiredNumTrials(ransac_, options_.max_H_inlier_ratio, 4);
-    std::vector<size_t> sample = inliers;
-    if (sample.size() > kMaxNumHomographyMatches) {
-      sample.resize(kMaxNumHomographyMatches);
-      for (size_t i = 0; i < sample.size(); ++i) {
-        sample[i] = inliers[i * inliers.size() / sample.size()];
-      }
-    }
-    *H = EstimateHomography(rays_.Select(sample), ransac, random_);
+    *H = EstimateHomography(
+        rays_.Select(EvenlySpaced(inliers, kMaxNumHomographyMatches)), ransac,
+        random_);
     if (!*H) return {};
     const HomographyTest test(**H);
     return rays_.Inliers([&](const auto& ray1, const auto& ray2) {
@@ -271,8 +261,8 @@ class PairVerifier {
 
   bool Explains(const std::vector<size_t>& homography_inliers,
                 const std::vector<size_t>& inliers) const {
-    return static_cast<double>(homography_inliers.size()) >
-           options_.max_H_inlier_ratio * static_cast<double>(inliers.size());
+    return homography_inliers.size() >
+           options_.max_H_inlier_ratio * inliers.size();
   }
 
   void VerifyCalibrated() {
@@ -348,8 +338,7 @@ class PairVerifier {
 }  // namespace
 
 double RadiansPerPixel(const Camera& camera1, const Camera& camera2) {
-  return 0.5 / PixelsPerRadian(camera1.model, camera1.params.data()) +
-         0.5 / PixelsPerRadian(camera2.model, camera2.params.data());
+  return 0.5 / PixelsPerRadian(camera1) + 0.5 / PixelsPerRadian(camera2);
 }
 
 ImagePair VerifyPair(const VerificationView& view1,
@@ -395,10 +384,9 @@ bool IsWatermark(const VerificationView& view1, const VerificationView& view2,
   for (int trial = 0; trial < kNumTrials; ++trial) {
     const Eigen::Vector2f shift =
         shifts[random->Index(static_cast<uint32_t>(shifts.size()))];
-    const auto num_alike = std::count_if(
-        shifts.begin(), shifts.end(), [&](const Eigen::Vector2f& other) {
-          return (other - shift).norm() <= options.max_error;
-        });
+    const auto num_alike = CountIf(shifts, [&](const Eigen::Vector2f& other) {
+      return (other - shift).norm() <= options.max_error;
+    });
     if (static_cast<double>(num_alike) >= min_num_shifts) return true;
   }
   return false;

@@ -5,12 +5,12 @@
 #include <array>
 #include <cstring>
 #include <limits>
-#include <numeric>
 #include <string>
 
 #include "base/file_reading.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranges.h"
 #include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 
@@ -82,10 +82,8 @@ class VocabularyTrainer {
         samples_per_word_(std::max(
             kMinSamplesPerWord,
             samples.size / static_cast<size_t>(options.num_visual_words))),
-        order_(samples.size),
-        child_of_(samples.size) {
-    std::iota(order_.begin(), order_.end(), size_t{0});
-  }
+        order_(Indices<size_t>(samples.size)),
+        child_of_(samples.size) {}
 
   Vocabulary Train() {
     AddNodes(1);
@@ -219,9 +217,8 @@ class VocabularyTrainer {
   // Sorts the samples by child. A node whose samples all have the same center
   // becomes a leaf.
   void AddChildren(const Cluster& cluster, std::vector<Cluster>* children) {
-    const auto begin =
-        order_.begin() + static_cast<std::ptrdiff_t>(cluster.begin);
-    const auto end = order_.begin() + static_cast<std::ptrdiff_t>(cluster.end);
+    const auto begin = order_.begin() + cluster.begin;
+    const auto end = order_.begin() + cluster.end;
     std::stable_sort(begin, end, [&](size_t a, size_t b) {
       return child_of_[a] < child_of_[b];
     });

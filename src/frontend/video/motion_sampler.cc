@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -129,10 +130,7 @@ std::optional<double> MotionSampler::MotionOf(const Frame& frame) const {
     if (move_px) moves_px.push_back(*move_px);
   }
   if (2 * moves_px.size() < patches_.size()) return std::nullopt;
-  const auto middle =
-      moves_px.begin() + static_cast<std::ptrdiff_t>(moves_px.size() / 2);
-  std::nth_element(moves_px.begin(), middle, moves_px.end());
-  return *middle / size_px;
+  return UpperMedian(moves_px) / size_px;
 }
 
 void MotionSampler::Process(const Frame& frame) {

@@ -11,6 +11,7 @@
 #include "base/file_reading.h"
 #include "base/format.h"
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 
@@ -75,10 +76,7 @@ std::optional<int64_t> MedianInterval(const std::vector<int64_t>& times_ns) {
   for (size_t i = 1; i < times_ns.size(); ++i) {
     intervals.push_back(times_ns[i] - times_ns[i - 1]);
   }
-  const auto middle =
-      intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
-  std::nth_element(intervals.begin(), middle, intervals.end());
-  return *middle;
+  return UpperMedian(intervals);
 }
 
 namespace {
@@ -127,17 +125,14 @@ SamplingPlan PlanOf(const Json& json) {
 
 std::vector<std::string> NamesOfTimes(const std::vector<int64_t>& times_ns) {
   const auto format = [&](int64_t per_unit, int num_decimals) {
-    std::vector<std::string> names;
-    for (const int64_t time_ns : times_ns) {
+    return Transformed(times_ns, [&](int64_t time_ns) {
       const int64_t units =
           (time_ns - times_ns.front() + per_unit / 2) / per_unit;
       const int64_t per_second = kNsPerSecond / per_unit;
-      const std::string name =
-          Formatted("%06lld.%0*lld", static_cast<long long>(units / per_second),
-                    num_decimals, static_cast<long long>(units % per_second));
-      names.emplace_back(name);
-    }
-    return names;
+      return Formatted("%06lld.%0*lld",
+                       static_cast<long long>(units / per_second), num_decimals,
+                       static_cast<long long>(units % per_second));
+    });
   };
   std::vector<std::string> names = format(kNanosecondsPerMillisecond, 3);
   return AreDistinct(names) ? names : format(1, 9);

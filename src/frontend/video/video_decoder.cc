@@ -19,6 +19,7 @@ extern "C" {
 #include <string>
 #include <tuple>
 
+#include "base/ranges.h"
 #include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 
@@ -154,16 +155,10 @@ std::optional<cv::RotateFlags> TurnOf(const AVStream& stream) {
   const double angle_deg =
       -av_display_rotation_get(reinterpret_cast<const int32_t*>(matrix));
   if (!std::isfinite(angle_deg)) return std::nullopt;
-  switch ((static_cast<int>(std::lround(angle_deg / 90.0)) % 4 + 4) % 4) {
-    case 1:
-      return cv::ROTATE_90_CLOCKWISE;
-    case 2:
-      return cv::ROTATE_180;
-    case 3:
-      return cv::ROTATE_90_COUNTERCLOCKWISE;
-    default:
-      return std::nullopt;
-  }
+  constexpr std::optional<cv::RotateFlags> kTurns[] = {
+      std::nullopt, cv::ROTATE_90_CLOCKWISE, cv::ROTATE_180,
+      cv::ROTATE_90_COUNTERCLOCKWISE};
+  return kTurns[(std::lround(angle_deg / 90.0) % 4 + 4) % 4];
 }
 
 bool IsGray(AVPixelFormat format) {
@@ -305,11 +300,9 @@ VideoIndex IndexVideo(const fs::path& path) {
     index.times_ns.push_back(file.ToNs(packet->pts));
   }
   if (index.times_ns.empty()) file.ThrowDamaged("it has no images");
-  std::vector<int64_t>& times = index.times_ns;
-  const auto num_images = static_cast<int64_t>(times.size());
+  const auto num_images = static_cast<int64_t>(index.times_ns.size());
   index.is_cut_off = file.is_cut_off() || num_images < file.stream().nb_frames;
-  std::sort(times.begin(), times.end());
-  times.erase(std::unique(times.begin(), times.end()), times.end());
+  SortUnique(&index.times_ns);
   return index;
 }
 

@@ -254,9 +254,59 @@ class Extractor {
 
   // Writes the missing images of a video.
   void Extract(size_t video_idx, const fs::path& path, const Context& context,
-               VideoSamplingSummary* summary) const;
+               VideoSamplingSummary* summary) const {
+    std::map<int64_t, size_t> frame_of_time;
+    for (size_t i = 0; i < plan_.frames.size(); ++i) {
+      const auto& time_ns = plan_.frames[i].times_ns[video_idx];
+      if (!time_ns) continue;
+      if (IsWritten(ImagePath(i, video_idx))) {
+        ++summary->num_present;
+      } else {
+        frame_of_time[*time_ns] = i;
+      }
+    }
+    if (frame_of_time.empty()) return;
+    const fs::path folder = output_path_ / "images" / plan_.folders[video_idx];
+    fs::create_directories(folder);
+    const auto decoder = OpenVideo(path, context.num_threads);
+    const std::string stage = "extracting '" + plan_.folders[video_idx] + "'";
+    const size_t num_images = frame_of_time.size();
+    while (!frame_of_time.empty() && decoder->Next()) {
+      context.ReportProgress(stage, num_images - frame_of_time.size(),
+                             num_images);
+      const auto found = frame_of_time.find(decoder->TimeNs());
+      if (found == frame_of_time.end()) continue;
+      Write(ImagePath(found->second, video_idx), decoder->ReadPixels());
+      frame_of_time.erase(found);
+      ++summary->num_written;
+    }
+    FileOperations operations;
+    operations.Sync(folder);
+    operations.Sync(folder.parent_path());
+    operations.Sync(output_path_);
+    if (!frame_of_time.empty()) {
+      context.Warning("video '" + path.string() +
+                      "' is damaged: " + std::to_string(frame_of_time.size()) +
+                      " of " + std::to_string(num_images) +
+                      " images cannot be decoded and are skipped");
+    }
+  }
+
   // One line per existing image.
-  std::string Timestamps() const;
+  std::string Timestamps() const {
+    std::string lines = "# image_name SECONDS\n";
+    for (size_t v = 0; v < plan_.folders.size(); ++v) {
+      for (size_t i = 0; i < plan_.frames.size(); ++i) {
+        const auto& time_ns = plan_.frames[i].times_ns[v];
+        if (!time_ns || !IsWritten(ImagePath(i, v))) continue;
+        const double time_s =
+            static_cast<double>(*time_ns + plan_.offsets_ns[v]) / kNsPerSecond;
+        lines += ImageName(i, v) + ' ' +
+                 FormatDouble(time_s, std::chars_format::fixed, 6) + '\n';
+      }
+    }
+    return lines;
+  }
 
  private:
   std::string ImageName(size_t frame_idx, size_t video_idx) const {
@@ -265,12 +315,6 @@ class Extractor {
   }
   fs::path ImagePath(size_t frame_idx, size_t video_idx) const {
     return output_path_ / "images" / ImageName(frame_idx, video_idx);
-  }
-  bool HasImage(size_t frame_idx, size_t video_idx) const {
-    std::error_code ignored;
-    const fs::path path = ImagePath(frame_idx, video_idx);
-    return fs::is_regular_file(path, ignored) &&
-           fs::file_size(path, ignored) > 0;
   }
   void Write(const fs::path& path, const cv::Mat& image) const {
     ReplaceOneOfMany(
@@ -282,61 +326,6 @@ class Extractor {
   const fs::path output_path_;
   const VideoSamplingOptions& options_;
 };
-
-void Extractor::Extract(size_t video_idx, const fs::path& path,
-                        const Context& context,
-                        VideoSamplingSummary* summary) const {
-  std::map<int64_t, size_t> frame_of_time;
-  for (size_t i = 0; i < plan_.frames.size(); ++i) {
-    const auto& time_ns = plan_.frames[i].times_ns[video_idx];
-    if (!time_ns) continue;
-    if (HasImage(i, video_idx)) {
-      ++summary->num_present;
-    } else {
-      frame_of_time[*time_ns] = i;
-    }
-  }
-  if (frame_of_time.empty()) return;
-  const fs::path folder = output_path_ / "images" / plan_.folders[video_idx];
-  fs::create_directories(folder);
-  const auto decoder = OpenVideo(path, context.num_threads);
-  const std::string stage = "extracting '" + plan_.folders[video_idx] + "'";
-  const size_t num_images = frame_of_time.size();
-  while (!frame_of_time.empty() && decoder->Next()) {
-    context.ReportProgress(stage, num_images - frame_of_time.size(),
-                           num_images);
-    const auto found = frame_of_time.find(decoder->TimeNs());
-    if (found == frame_of_time.end()) continue;
-    Write(ImagePath(found->second, video_idx), decoder->ReadPixels());
-    frame_of_time.erase(found);
-    ++summary->num_written;
-  }
-  FileOperations operations;
-  operations.Sync(folder);
-  operations.Sync(folder.parent_path());
-  operations.Sync(output_path_);
-  if (!frame_of_time.empty()) {
-    context.Warning("video '" + path.string() +
-                    "' is damaged: " + std::to_string(frame_of_time.size()) +
-                    " of " + std::to_string(num_images) +
-                    " images cannot be decoded and are skipped");
-  }
-}
-
-std::string Extractor::Timestamps() const {
-  std::string lines = "# image_name SECONDS\n";
-  for (size_t v = 0; v < plan_.folders.size(); ++v) {
-    for (size_t i = 0; i < plan_.frames.size(); ++i) {
-      const auto& time_ns = plan_.frames[i].times_ns[v];
-      if (!time_ns || !HasImage(i, v)) continue;
-      const double time_s =
-          static_cast<double>(*time_ns + plan_.offsets_ns[v]) / kNsPerSecond;
-      lines += ImageName(i, v) + ' ' +
-               FormatDouble(time_s, std::chars_format::fixed, 6) + '\n';
-    }
-  }
-  return lines;
-}
 
 }  // namespace
 

@@ -150,6 +150,11 @@ void ReplaceFile(const fs::path& path, const std::string& content) {
   FileOperations().Sync(CanonicalPath(path).parent_path());
 }
 
+bool IsWritten(const fs::path& path) {
+  std::error_code ignored;
+  return fs::is_regular_file(path, ignored) && fs::file_size(path, ignored) > 0;
+}
+
 void RemoveTree(const fs::path& folder, FileOperations* operations) {
   for (const fs::path& entry : EntriesOf(folder)) {
     if (IsFolder(entry)) {

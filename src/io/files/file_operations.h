@@ -54,6 +54,10 @@ void ReplaceFile(const std::filesystem::path& path, const std::string& content);
 void ReplaceOneOfMany(const std::filesystem::path& path,
                       const std::string& content);
 
+// Whether an earlier run wrote this file. A file without content may come from
+// a full disk.
+bool IsWritten(const std::filesystem::path& path);
+
 // Removes a folder with everything in it, one Remove per entry.
 void RemoveTree(const std::filesystem::path& folder,
                 FileOperations* operations);

@@ -113,8 +113,7 @@ void Vehicles::AddCompanions(double min_ahead_m, double max_ahead_m,
     const double end_m = random->Uniform(min_ahead_m, max_ahead_m);
     // The relative speed is at most 0.5 m/s.
     const double speed = (end_m - begin_m) / std::max(duration_s, 40.0);
-    Add({time_s, time_s + duration_s, false, begin_m, speed, left_m, {}},
-        random);
+    Add({time_s, time_s + duration_s, false, begin_m, speed, left_m}, random);
     time_s += duration_s + Exponential(mean_pause_s, random);
   }
 }
@@ -125,13 +124,9 @@ void Vehicles::AddOncoming(Random* random) {
     time_s += Exponential(kMeanPassage_s, random);
     if (time_s > drive_.times_s.back() + kSeenBefore_s) break;
     const double arc_m = road_.ArcAt(drive_, time_s);
-    Add({time_s - kSeenBefore_s,
-         time_s + kSeenAfter_s,
-         true,
-         arc_m + kOncomingSpeed_m_s * kSeenBefore_s,
-         -kOncomingSpeed_m_s,
-         kLane_m,
-         {}},
+    Add({time_s - kSeenBefore_s, time_s + kSeenAfter_s, true,
+         arc_m + kOncomingSpeed_m_s * kSeenBefore_s, -kOncomingSpeed_m_s,
+         kLane_m},
         random);
   }
 }
@@ -146,13 +141,7 @@ void Vehicles::Add(Vehicle vehicle, Random* random) {
 void Vehicles::AddBodies(const WorldPlan& plan, uint64_t seed) {
   bodies_ = plan.bodies;
   for (const Body& body : bodies_) {
-    Vehicle vehicle{drive_.times_s.front(),
-                    drive_.times_s.back(),
-                    false,
-                    0.0,
-                    0.0,
-                    0.0,
-                    {}};
+    Vehicle vehicle{drive_.times_s.front(), drive_.times_s.back()};
     vehicle.world_from_body = body.world_from_body;
     for (const WorldPoint& point : PointsOnBox(body.box, seed)) {
       vehicle.points.push_back({point.position, point.normal, 0.0,
@@ -210,8 +199,7 @@ Vehicles::Vehicle Vehicles::MakeConvoy(double begin_s, double end_s,
 }
 
 std::optional<int> Vehicles::ConvoyAt(double time_s) const {
-  for (size_t i = 0; i < vehicles_.size(); ++i) {
-    const int vehicle = static_cast<int>(i);
+  for (const int vehicle : Indices(vehicles_.size())) {
     if (IsInConvoy(vehicle) && IsThere(vehicle, time_s)) return vehicle;
   }
   return std::nullopt;
@@ -257,11 +245,9 @@ constexpr double kMinCosToNormal = 0.06;
 // Scale of the largest keypoints relative to the smallest.
 constexpr double kMaxScale = 8.0;
 
-// One random number per image and point, independent of all other items.
-Random RandomOfFeature(uint64_t seed, Effect effect, const Exposure& exposure,
-                       int identity) {
-  const uint64_t of_image = RandomOf(seed, effect, exposure.Key()).NextBits();
-  return Random(of_image, static_cast<uint64_t>(identity));
+// For one random number per image and point, independent of all other items.
+uint64_t SeedOfImage(uint64_t seed, Effect effect, const Exposure& exposure) {
+  return RandomOf(seed, effect, exposure.Key()).NextBits();
 }
 
 }  // namespace
@@ -276,10 +262,9 @@ Detector::Detector(const SimulationOptions& options,
       world_(world),
       vehicles_(vehicles) {
   int identity = static_cast<int>(world.points.size());
-  const size_t num_vehicles = vehicles == nullptr ? 0 : vehicles->size();
-  for (size_t i = 0; i < num_vehicles; ++i) {
+  for (const int i : Indices(vehicles == nullptr ? 0 : vehicles->size())) {
     vehicle_offsets_.push_back(identity);
-    identity += static_cast<int>(vehicles->Points(static_cast<int>(i)).size());
+    identity += static_cast<int>(vehicles->Points(i).size());
   }
 }
 
@@ -323,8 +308,7 @@ SimulatedFeatures Detector::Detect(const Exposure& exposure,
 
 double Detector::DistanceScale(int camera) const {
   if (!world_.distances_scale) return 1.0;
-  return kReferenceFocal_px /
-         PixelsPerRadian(rig_[camera].model, rig_[camera].params.data());
+  return kReferenceFocal_px / PixelsPerRadian(rig_[camera]);
 }
 
 bool Detector::Project(const Exposure& exposure,
@@ -332,8 +316,7 @@ bool Detector::Project(const Exposure& exposure,
                        Eigen::Vector2d* pixel) const {
   const SimulatedCamera& camera = rig_[exposure.camera];
   const auto project = [&](const Rigid3& cam_from_world) {
-    return ProjectToPixel(camera.model, camera.params.data(),
-                          cam_from_world * point_in_world);
+    return ProjectToPixel(camera, cam_from_world * point_in_world);
   };
   auto projected = project(exposure.cam_from_world);
   // The row depends on the pose at its time. Each repetition is more accurate
@@ -357,8 +340,7 @@ std::vector<Detector::Candidate> Detector::SeePoints(
       world_.road.level_from_world() * center;
   const double scale = DistanceScale(exposure.camera);
   const uint64_t seed =
-      RandomOf(options_.random_seed, Effect::kDetection, exposure.Key())
-          .NextBits();
+      SeedOfImage(options_.random_seed, Effect::kDetection, exposure);
   std::vector<Candidate> candidates;
   const auto look = [&](int identity) {
     const WorldPoint& point = world_.points[identity];
@@ -395,20 +377,18 @@ std::vector<Detector::Candidate> Detector::SeeVehicles(const Exposure& exposure,
   const double scale = DistanceScale(exposure.camera);
   const Eigen::Vector3d center = exposure.cam_from_world.Center();
   const uint64_t seed =
-      RandomOf(options_.random_seed, Effect::kVehicleDetection, exposure.Key())
-          .NextBits();
+      SeedOfImage(options_.random_seed, Effect::kVehicleDetection, exposure);
   const double repeatability =
       (in_convoy ? kConvoyRepeatability : 1.0) * options_.repeatability;
   std::vector<Candidate> candidates;
-  for (size_t i = 0; i < vehicles_->size(); ++i) {
-    const int vehicle = static_cast<int>(i);
+  for (const int vehicle : Indices(vehicles_->size())) {
     if (vehicles_->IsInConvoy(vehicle) != in_convoy ||
         !vehicles_->IsThere(vehicle, exposure.time_s)) {
       continue;
     }
     const Rigid3 world_from_vehicle =
         vehicles_->WorldFromVehicle(vehicle, exposure.time_s);
-    int identity = vehicle_offsets_[i] - 1;
+    int identity = vehicle_offsets_[vehicle] - 1;
     for (const VehiclePoint& point : vehicles_->Points(vehicle)) {
       ++identity;
       const Eigen::Vector3d position = world_from_vehicle * point.position;
@@ -454,8 +434,9 @@ void Detector::AppendStrongest(const Exposure& exposure,
 }
 
 Eigen::Vector2d Detector::Noise(const Exposure& exposure, int identity) const {
-  Random random = RandomOfFeature(options_.random_seed, Effect::kPixelNoise,
-                                  exposure, identity);
+  Random random(
+      SeedOfImage(options_.random_seed, Effect::kPixelNoise, exposure),
+      static_cast<uint64_t>(identity));
   Eigen::Vector2d noise;
   noise.x() = options_.pixel_noise_px * random.Normal();
   noise.y() = options_.pixel_noise_px * random.Normal();
@@ -491,8 +472,7 @@ bool Detector::Append(int camera_number, int identity,
                       SimulatedFeatures* features) const {
   const SimulatedCamera& camera = assumed_rig_[camera_number];
   const Eigen::Vector2f keypoint = pixel.cast<float>();
-  const auto ray =
-      RayFromPixel(camera.model, camera.params.data(), keypoint.cast<double>());
+  const auto ray = RayFromPixel(camera, keypoint.cast<double>());
   if (!ray) return false;
   features->identities.push_back(identity);
   features->keypoints_px.push_back(keypoint);

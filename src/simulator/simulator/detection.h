@@ -58,11 +58,11 @@ class Vehicles {
   struct Vehicle {
     double begin_s;
     double end_s;
-    bool is_oncoming;
-    double arc_m;      // at begin_s; relative to the rig unless oncoming
-    double speed_m_s;  // relative to the rig unless oncoming
-    double left_m;     // lateral offset from the path of the rig
-    std::vector<VehiclePoint> points;
+    bool is_oncoming = false;
+    double arc_m = 0.0;      // at begin_s; relative to the rig unless oncoming
+    double speed_m_s = 0.0;  // relative to the rig unless oncoming
+    double left_m = 0.0;     // lateral offset from the path of the rig
+    std::vector<VehiclePoint> points = {};
     bool is_in_convoy = false;
     // Of the moving bodies of a world.
     Path world_from_body = nullptr;
@@ -106,8 +106,7 @@ constexpr int kClutter = std::numeric_limits<int>::max();
 struct SimulatedFeatures {
   std::vector<int> identities;
   std::vector<Eigen::Vector2f> keypoints_px;
-  std::vector<Eigen::Vector3d>
-      rays;  // of the keypoints after rounding to float
+  std::vector<Eigen::Vector3d> rays;  // of the keypoints rounded to float
 
   size_t size() const { return identities.size(); }
 };
@@ -159,8 +158,7 @@ class Detector {
   const std::vector<SimulatedCamera>& assumed_rig_;
   const World& world_;
   const Vehicles* vehicles_;
-  std::vector<int>
-      vehicle_offsets_;  // identity of the first point of each vehicle
+  std::vector<int> vehicle_offsets_;  // identities of their first points
 };
 
 }  // namespace mgsfm

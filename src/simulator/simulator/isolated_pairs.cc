@@ -5,6 +5,7 @@
 #include <set>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
@@ -27,28 +28,20 @@ constexpr double kUnrelatedShare = 0.34;
 
 class IsolatedPairMaker {
  public:
-  IsolatedPairMaker(const SimulationOptions& options,
-                    const std::vector<SimulatedCamera>& rig,
-                    const Detector& detector, const PairMaker& maker,
-                    const std::vector<PairPlan>& plans,
-                    Photographs* photographs)
-      : options_(options),
-        rig_(rig),
-        detector_(detector),
+  IsolatedPairMaker(const Footage& footage, const PairMaker& maker,
+                    const std::vector<PairPlan>& plans)
+      : r_(footage),
         maker_(maker),
         plans_(plans),
-        photographs_(*photographs) {
-    for (const SimulatedFeatures& features : photographs_.features) {
-      num_features_.push_back(features.size());
-    }
-  }
+        num_features_(Transformed(footage.photographs.features,
+                                  &SimulatedFeatures::size)) {}
 
   std::optional<MadePair> Make(Random* random) {
     for (int i = 0; i < kNumTrials; ++i) {
       const auto plan = FindUnrelated(random);
       if (!plan) continue;
       const Rigid3 cam2_from_cam1 = RandomPose(*plan, random);
-      const size_t num_before = photographs_.features[plan->image2].size();
+      const size_t num_before = r_.photographs.features[plan->image2].size();
       std::vector<Match> matches = MakeMatches(*plan, cam2_from_cam1, random);
       auto made =
           maker_.Verify(plan->image1, plan->image2, PairKind::kIsolatedWrong,
@@ -70,9 +63,9 @@ class IsolatedPairMaker {
     const PairPlan plan{std::min(i, j), std::max(i, j)};
     if (i == j || made_.count({plan.image1, plan.image2}) > 0 ||
         std::binary_search(plans_.begin(), plans_.end(), plan) ||
-        NumCommonPoints(photographs_.features[i], photographs_.features[j],
+        NumCommonPoints(r_.photographs.features[i], r_.photographs.features[j],
                         kClutter) >
-            kUnrelatedShare * options_.min_num_matches) {
+            kUnrelatedShare * r_.options.min_num_matches) {
       return std::nullopt;
     }
     return plan;
@@ -91,7 +84,7 @@ class IsolatedPairMaker {
     const Rigid3 rig2_from_rig1 =
         Rigid3::FromRotationAndCenter(ExpSO3(turn), length_m * direction);
     const auto& sensor_from_rig = [this](int image) -> const Rigid3& {
-      return rig_[photographs_.exposures[image].camera].sensor_from_rig;
+      return r_.rig[r_.photographs.exposures[image].camera].sensor_from_rig;
     };
     return sensor_from_rig(plan.image2) * rig2_from_rig1 *
            sensor_from_rig(plan.image1).Inverse();
@@ -100,7 +93,7 @@ class IsolatedPairMaker {
   std::vector<Match> MakeMatches(const PairPlan& plan,
                                  const Rigid3& cam2_from_cam1, Random* random) {
     const size_t num_wanted =
-        std::max(*options_.min_num_matches,
+        std::max(*r_.options.min_num_matches,
                  kMinNumMatches + static_cast<int>(random->Index(
                                       kMaxNumMatches - kMinNumMatches + 1)));
     const Rigid3 pose{cam2_from_cam1.rotation,
@@ -117,7 +110,7 @@ class IsolatedPairMaker {
       const bool is_new = random->Uniform() < 0.5;
       if (is_taken1[feature1] != 0) continue;
       const Eigen::Vector3d ray1 =
-          photographs_.features[plan.image1].rays[feature1];
+          r_.photographs.features[plan.image1].rays[feature1];
       int feature2 =
           is_new ? -1 : FindFitting(plan, pose, ray1, is_taken2, random);
       if (feature2 >= 0) {
@@ -137,8 +130,8 @@ class IsolatedPairMaker {
                   const Eigen::Vector3d& ray1, const Mask& is_taken,
                   Random* random) const {
     const double max_error_rad = maker_.ErrorInRadians(
-        plan.image1, plan.image2, kMaxError_sigma * options_.pixel_noise_px);
-    const SimulatedFeatures& features2 = photographs_.features[plan.image2];
+        plan.image1, plan.image2, kMaxError_sigma * r_.options.pixel_noise_px);
+    const SimulatedFeatures& features2 = r_.photographs.features[plan.image2];
     std::vector<int> fitting;
     for (size_t i = 0; i < is_taken.size(); ++i) {
       const Eigen::Vector3d& ray2 = features2.rays[i];
@@ -155,54 +148,47 @@ class IsolatedPairMaker {
   // Returns -1 if the point is outside the image.
   int AddFitting(const PairPlan& plan, const Eigen::Vector3d& point_in_cam2,
                  Random* random) {
-    const int camera_number = photographs_.exposures[plan.image2].camera;
-    const SimulatedCamera& camera = rig_[camera_number];
-    const auto pixel =
-        ProjectToPixel(camera.model, camera.params.data(), point_in_cam2);
-    const double noise_x = options_.pixel_noise_px * random->Normal();
-    const double noise_y = options_.pixel_noise_px * random->Normal();
+    const int camera_number = r_.photographs.exposures[plan.image2].camera;
+    const SimulatedCamera& camera = r_.rig[camera_number];
+    const auto pixel = ProjectToPixel(camera, point_in_cam2);
+    const double noise_x = r_.options.pixel_noise_px * random->Normal();
+    const double noise_y = r_.options.pixel_noise_px * random->Normal();
     if (!pixel || pixel->x() < 0 || pixel->y() < 0 ||
         pixel->x() >= camera.width_px || pixel->y() >= camera.height_px) {
       return -1;
     }
-    SimulatedFeatures& features2 = photographs_.features[plan.image2];
-    const bool is_seen = detector_.Append(
+    SimulatedFeatures& features2 = r_.photographs.features[plan.image2];
+    const bool is_seen = r_.detector.Append(
         camera_number, kClutter, *pixel + Eigen::Vector2d(noise_x, noise_y),
         &features2);
     return is_seen ? static_cast<int>(features2.size()) - 1 : -1;
   }
 
   void RemoveNew(int image, size_t num_before) {
-    SimulatedFeatures& features = photographs_.features[image];
+    SimulatedFeatures& features = r_.photographs.features[image];
     features.identities.resize(num_before);
     features.keypoints_px.resize(num_before);
     features.rays.resize(num_before);
   }
 
-  const SimulationOptions& options_;
-  const std::vector<SimulatedCamera>& rig_;
-  const Detector& detector_;
+  const Footage& r_;
   const PairMaker& maker_;
   const std::vector<PairPlan>& plans_;
-  Photographs& photographs_;
-  std::vector<size_t>
-      num_features_;  // per image, excluding features added here
+  std::vector<size_t> num_features_;  // per image, without those added here
   std::set<std::pair<int, int>> made_;
 };
 
 }  // namespace
 
-std::vector<MadePair> MakeIsolatedPairs(const SimulationOptions& options,
-                                        const std::vector<SimulatedCamera>& rig,
-                                        const Detector& detector,
+std::vector<MadePair> MakeIsolatedPairs(const Footage& footage,
                                         const PairMaker& maker,
                                         const std::vector<PairPlan>& plans,
-                                        int num_pairs, const Context& context,
-                                        Photographs* photographs) {
-  IsolatedPairMaker isolated(options, rig, detector, maker, plans, photographs);
+                                        int num_pairs, const Context& context) {
+  IsolatedPairMaker isolated(footage, maker, plans);
   std::vector<MadePair> pairs;
   for (int i = 0; i < num_pairs; ++i) {
-    Random random = RandomOf(options.random_seed, Effect::kIsolatedPairs, i);
+    Random random =
+        RandomOf(footage.options.random_seed, Effect::kIsolatedPairs, i);
     auto pair = isolated.Make(&random);
     if (pair) pairs.push_back(std::move(*pair));
     if (i % 64 == 0) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "simulator/pair_selection.h"
+#include "simulator/random_streams.h"
 #include "simulator/weak_cuts.h"
 
 namespace mgsfm {
@@ -18,11 +19,9 @@ struct MadePair {
 // mismatches and outliers, verified matches and the estimated relative pose.
 class PairMaker {
  public:
-  // All arguments must outlive this object.
-  PairMaker(const SimulationOptions& options,
-            const std::vector<SimulatedCamera>& rig, const World& world,
-            const Vehicles* vehicles, const Detector& detector,
-            const WeakCuts& weak_cuts, const Photographs& photographs);
+  // Both arguments must outlive this object.
+  PairMaker(const Footage& footage, const WeakCuts& weak_cuts)
+      : r_(footage), weak_cuts_(weak_cuts) {}
 
   // nullopt if there are too few common points or verified matches.
   std::optional<MadePair> Make(const PairPlan& plan) const;
@@ -57,27 +56,19 @@ class PairMaker {
   MadePair Finish(int image1, int image2, Hypothesis hypothesis) const;
   Rigid3 Estimate(int image1, int image2, const Hypothesis& hypothesis) const;
   bool IsPanoramic(int image1, int image2, const Hypothesis& hypothesis) const;
-  uint64_t KeyOf(int image1, int image2) const;
+  Random RandomOfPair(Effect effect, int image1, int image2) const;
 
-  const SimulationOptions& options_;
-  const std::vector<SimulatedCamera>& rig_;
-  const World& world_;
-  const Vehicles* vehicles_;
-  const Detector& detector_;
+  const Footage& r_;
   const WeakCuts& weak_cuts_;
-  const Photographs& photographs_;
 };
 
 // Verified pairs of images of unrelated places that are not in `plans`, at most
 // `num_pairs`. Their matches are consistent with a plausible motion. They
 // connect features that fit by chance, and new features appended to the images.
-// `maker` must refer to the same photographs.
-std::vector<MadePair> MakeIsolatedPairs(const SimulationOptions& options,
-                                        const std::vector<SimulatedCamera>& rig,
-                                        const Detector& detector,
+// `maker` must refer to the same footage.
+std::vector<MadePair> MakeIsolatedPairs(const Footage& footage,
                                         const PairMaker& maker,
                                         const std::vector<PairPlan>& plans,
-                                        int num_pairs, const Context& context,
-                                        Photographs* photographs);
+                                        int num_pairs, const Context& context);
 
 }  // namespace mgsfm

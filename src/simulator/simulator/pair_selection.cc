@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 
 namespace mgsfm {
 namespace {
@@ -20,8 +21,8 @@ constexpr int kMaxNumOriginals = 6, kMaxNumOriginalsAtCuts = 12;
 std::vector<std::vector<int>> ImagesOfFrames(
     const Drive& drive, const std::vector<Exposure>& exposures) {
   std::vector<std::vector<int>> images(drive.num_frames());
-  for (size_t i = 0; i < exposures.size(); ++i) {
-    images[exposures[i].frame].push_back(static_cast<int>(i));
+  for (const int i : Indices(exposures.size())) {
+    images[exposures[i].frame].push_back(i);
   }
   return images;
 }
@@ -33,6 +34,14 @@ void SortUnique(std::vector<PairPlan>* plans) {
   };
   plans->erase(std::unique(plans->begin(), plans->end(), is_same),
                plans->end());
+}
+
+// Pairs of a number and an item: the largest number first.
+template <class Pairs>
+void SortByNumber(Pairs* pairs) {
+  std::sort(pairs->begin(), pairs->end(), [](const auto& a, const auto& b) {
+    return a.first != b.first ? a.first > b.first : a.second < b.second;
+  });
 }
 
 PairPlan Ordered(int image1, int image2) {
@@ -81,18 +90,17 @@ class LoopFinder {
 // The images with most points in common, as (number, image), best first.
 std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
                                       int max_num) {
-  std::sort(partners.begin(), partners.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first > b.first : a.second < b.second;
-  });
+  SortByNumber(&partners);
   if (static_cast<int>(partners.size()) > max_num) partners.resize(max_num);
   return partners;
 }
 
 // The images with the most points in common, except neighbors, at most one per
 // camera and stretch of neighbors, whatever the shape of the path.
-std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
-                                  const Photographs& photographs, int image,
-                                  int num_points) {
+std::vector<PairPlan> CovisibleOf(const Footage& footage, int image) {
+  const SimulationOptions& options = footage.options;
+  const Photographs& photographs = footage.photographs;
+  const int num_points = static_cast<int>(footage.world.points.size());
   const Exposure& exposure = photographs.exposures[image];
   const auto are_neighbors = [&](const Exposure& a, const Exposure& b) {
     return std::abs(a.frame - b.frame) <= options.num_matched_frames;
@@ -116,11 +124,10 @@ std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
   for (const auto& [num_common, other] :
        Best(std::move(partners), num_partners)) {
     const Exposure& of_other = photographs.exposures[other];
-    const bool is_near =
-        std::any_of(chosen.begin(), chosen.end(), [&](int best) {
-          return photographs.exposures[best].camera == of_other.camera &&
-                 are_neighbors(photographs.exposures[best], of_other);
-        });
+    const bool is_near = AnyOf(chosen, [&](int best) {
+      return photographs.exposures[best].camera == of_other.camera &&
+             are_neighbors(photographs.exposures[best], of_other);
+    });
     if (is_near) continue;
     chosen.push_back(other);
     plans.push_back(Ordered(image, other));
@@ -129,19 +136,21 @@ std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
   return plans;
 }
 
-void PlanLoops(const SimulationOptions& options, const Drive& drive,
-               const World& world, const Photographs& photographs,
-               const Context& context, std::vector<PairPlan>* plans) {
+void PlanLoops(const Footage& footage, const Context& context,
+               std::vector<PairPlan>* plans) {
+  const SimulationOptions& options = footage.options;
+  const Photographs& photographs = footage.photographs;
   std::optional<LoopFinder> finder;
-  if (!drive.is_level) finder.emplace(drive, world);
+  if (!footage.drive.is_level) {
+    finder.emplace(footage.drive, footage.world);
+  }
   const std::vector<std::vector<int>> images_of_frames =
-      ImagesOfFrames(drive, photographs.exposures);
-  const int num_points = static_cast<int>(world.points.size());
+      ImagesOfFrames(footage.drive, photographs.exposures);
+  const int num_points = static_cast<int>(footage.world.points.size());
   std::vector<std::vector<PairPlan>> found(photographs.exposures.size());
   const auto find = [&](size_t image) {
     if (!finder) {
-      found[image] = CovisibleOf(options, photographs, static_cast<int>(image),
-                                 num_points);
+      found[image] = CovisibleOf(footage, static_cast<int>(image));
       return;
     }
     const Exposure& exposure = photographs.exposures[image];
@@ -165,11 +174,7 @@ void PlanLoops(const SimulationOptions& options, const Drive& drive,
       found[image].push_back(Ordered(static_cast<int>(image), other));
     }
   };
-  ParallelFor(found.size(), ResolveNumThreads(context.num_threads), find, 16,
-              [&](size_t num_done) {
-                context.ReportProgress("simulation: loops", num_done,
-                                       found.size());
-              });
+  ParallelFor(found.size(), context, "simulation: loops", find, 16);
   for (const std::vector<PairPlan>& some : found) {
     plans->insert(plans->end(), some.begin(), some.end());
   }
@@ -189,9 +194,8 @@ std::vector<Views> FindViews(const World& world,
                              const Photographs& photographs) {
   std::vector<Views> views(world.copy_from_original.size());
   const int num_points = static_cast<int>(world.points.size());
-  for (size_t i = 0; i < photographs.features.size(); ++i) {
-    const int image = static_cast<int>(i);
-    for (const int identity : photographs.features[i].identities) {
+  for (const int image : Indices(photographs.features.size())) {
+    for (const int identity : photographs.features[image].identities) {
       if (identity >= num_points) break;
       const WorldPoint& point = world.points[identity];
       if (point.duplicate < 0) continue;
@@ -249,9 +253,7 @@ std::vector<std::pair<int, PairPlan>> RankedPairs(
       ranked.emplace_back(num_common, plan);
     }
   }
-  std::sort(ranked.begin(), ranked.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first > b.first : a.second < b.second;
-  });
+  SortByNumber(&ranked);
   return ranked;
 }
 
@@ -295,29 +297,26 @@ std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
   return plans;
 }
 
-std::vector<PairPlan> PlanPairs(const SimulationOptions& options,
-                                const Drive& drive, const World& world,
-                                const Photographs& photographs,
+std::vector<PairPlan> PlanPairs(const Footage& footage,
                                 const Context& context) {
-  std::vector<PairPlan> plans =
-      PlanNeighbors(options, drive, photographs.exposures);
-  if (options.max_num_loop_images > 0) {
-    PlanLoops(options, drive, world, photographs, context, &plans);
+  std::vector<PairPlan> plans = PlanNeighbors(footage.options, footage.drive,
+                                              footage.photographs.exposures);
+  if (footage.options.max_num_loop_images > 0) {
+    PlanLoops(footage, context, &plans);
     SortUnique(&plans);
   }
   return plans;
 }
 
-std::vector<PairPlan> PlanDuplicatedPairs(const SimulationOptions& options,
-                                          const World& world,
-                                          const Photographs& photographs,
+std::vector<PairPlan> PlanDuplicatedPairs(const Footage& footage,
                                           const std::vector<PairPlan>& plans,
                                           int num_pairs) {
-  const std::vector<Views> views = FindViews(world, photographs);
+  const std::vector<Views> views =
+      FindViews(footage.world, footage.photographs);
   std::vector<PairPlan> duplicated;
   for (size_t i = 0; i < views.size(); ++i) {
     const auto ranked =
-        RankedPairs(options, views[i], static_cast<int>(i), plans);
+        RankedPairs(footage.options, views[i], static_cast<int>(i), plans);
     // Remaining structures compensate for those with too few pairs.
     const size_t num_structures = views.size() - i;
     const size_t num_wanted =

@@ -28,6 +28,17 @@ struct Photographs {
   std::vector<SimulatedFeatures> features;
 };
 
+// A drive whose images have features. Refers to data that must outlive it.
+struct Footage {
+  const SimulationOptions& options;
+  const std::vector<SimulatedCamera>& rig;
+  const Drive& drive;
+  const World& world;
+  const Vehicles* vehicles;  // null: none
+  const Detector& detector;
+  Photographs& photographs;
+};
+
 // The number of points observed in both images.
 int NumCommonPoints(const SimulatedFeatures& features1,
                     const SimulatedFeatures& features2, int num_points);
@@ -38,17 +49,12 @@ std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
                                     const std::vector<Exposure>& exposures);
 
 // Temporal neighbors and pairs of revisited places, sorted.
-std::vector<PairPlan> PlanPairs(const SimulationOptions& options,
-                                const Drive& drive, const World& world,
-                                const Photographs& photographs,
-                                const Context& context);
+std::vector<PairPlan> PlanPairs(const Footage& footage, const Context& context);
 
 // Pairs of an image of an original structure and one of its duplicate, at most
 // `num_pairs`, about equally many per structure, those with the most points in
 // common. Excludes `plans`. Sorted.
-std::vector<PairPlan> PlanDuplicatedPairs(const SimulationOptions& options,
-                                          const World& world,
-                                          const Photographs& photographs,
+std::vector<PairPlan> PlanDuplicatedPairs(const Footage& footage,
                                           const std::vector<PairPlan>& plans,
                                           int num_pairs);
 

@@ -2,11 +2,14 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 #include <vector>
+
+#include "math/item_groups.h"
 
 namespace mgsfm {
 
@@ -14,8 +17,7 @@ namespace mgsfm {
 class CellGrid {
  public:
   // Covers the box. Cells are larger than requested if there would be too many.
-  CellGrid(const Eigen::Vector2d& min, const Eigen::Vector2d& max,
-           double cell_size_m);
+  CellGrid(const Eigen::AlignedBox2d& box, double cell_size_m);
 
   // Assigns each item to the cell of its position.
   static CellGrid OfPoints(const std::vector<Eigen::Vector2d>& positions,
@@ -36,8 +38,8 @@ class CellGrid {
   }
   const Eigen::Vector2d& min() const { return min_; }
 
-  const int* begin(int cell) const { return items_.data() + offsets_[cell]; }
-  const int* end(int cell) const { return items_.data() + offsets_[cell + 1]; }
+  const int* begin(int cell) const { return items_.begin(cell); }
+  const int* end(int cell) const { return items_.end(cell); }
 
   // Calls function(item) for all items of the cells within `radius_m`.
   template <class Function>
@@ -63,8 +65,7 @@ class CellGrid {
   double cell_size_m_;
   int num_columns_;
   int num_rows_;
-  std::vector<int> offsets_;
-  std::vector<int> items_;
+  ItemGroups<int, int> items_;  // per cell
 };
 
 // Visits the cells of a grid along a ray in order (Amanatides and Woo, A fast
@@ -102,9 +103,8 @@ class CellWalk {
 
   bool IsInside() const { return is_inside_; }
   int Cell() const { return grid_.Cell(cell_[0], cell_[1]); }
-  double Entry() const {
-    return entry_;
-  }  // distance to the entry point of the cell
+  // The distance to the entry point of the cell.
+  double Entry() const { return entry_; }
 
   void Next() {
     const int axis = next_[0] < next_[1] ? 0 : 1;

@@ -3,13 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "base/parallel.h"
 #include "geometry/so3.h"
-#include "simulator/road.h"
-#include "simulator/street_painter.h"
-#include "simulator/street_surfaces.h"
 #include "simulator/world.h"
 
 namespace mgsfm {
@@ -27,44 +23,20 @@ constexpr double kFade_deg = 8.0;
 constexpr double kMinIncidence = 0.08;
 
 // The bounding box of all surfaces and the road.
-std::pair<Eigen::Vector2d, Eigen::Vector2d> GroundBox(
-    const Road& road, const std::vector<Surface>& surfaces) {
-  Eigen::Vector2d min = road.nodes().front().ground.head<2>(), max = min;
-  const auto add = [&](const Eigen::Vector2d& position) {
-    min = min.cwiseMin(position);
-    max = max.cwiseMax(position);
-  };
-  for (const RoadNode& node : road.nodes()) add(node.ground.head<2>());
+Eigen::AlignedBox2d GroundBox(const Road& road,
+                              const std::vector<Surface>& surfaces) {
+  Eigen::AlignedBox2d box;
+  for (const RoadNode& node : road.nodes()) box.extend(node.ground.head<2>());
   for (const Surface& surface : surfaces) {
-    add(surface.a);
-    add(surface.b);
+    box.extend(surface.a).extend(surface.b);
   }
   const Eigen::Vector2d margin(kGroundMargin_m, kGroundMargin_m);
-  return {min - margin, max + margin};
+  return {box.min() - margin, box.max() + margin};
 }
-
-Ground MakeGround(const Road& road, const std::vector<Surface>& surfaces) {
-  const auto [min, max] = GroundBox(road, surfaces);
-  return Ground(road, min, max);
-}
-
-// A ray of an image and its brightness; 0 is black.
-struct PixelRay {
-  Eigen::Vector3f ray = Eigen::Vector3f::Zero();
-  float brightness = 0.0f;
-};
-
-// The rays of all samples of the pixels of a camera in row-major order.
-struct CameraRays {
-  int width_px = 0;
-  int height_px = 0;
-  double footprint_rad = 0.0;
-  std::vector<PixelRay> rays;
-};
 
 PixelRay MakePixelRay(const Camera& camera, const Eigen::Vector2d& pixel,
                       double max_view_angle_deg) {
-  const auto ray = RayFromPixel(camera.model, camera.params.data(), pixel);
+  const auto ray = RayFromPixel(camera, pixel);
   if (!ray) return {};
   const double angle_deg =
       RadToDeg(std::atan2(ray->head<2>().norm(), ray->z()));
@@ -75,10 +47,8 @@ PixelRay MakePixelRay(const Camera& camera, const Eigen::Vector2d& pixel,
 
 CameraRays MakeCameraRays(const Camera& camera, const RenderingOptions& options,
                           const Context& context) {
-  CameraRays result{camera.width_px,
-                    camera.height_px,
-                    1.0 / PixelsPerRadian(camera.model, camera.params.data()),
-                    {}};
+  CameraRays result{
+      camera.width_px, camera.height_px, 1.0 / PixelsPerRadian(camera), {}};
   const int n = options.samples_per_axis;
   const size_t row_size = static_cast<size_t>(n) * n * camera.width_px;
   result.rays.resize(row_size * camera.height_px);
@@ -127,66 +97,42 @@ std::vector<SimulatedCamera> ScaledRig(std::vector<SimulatedCamera> rig,
   return rig;
 }
 
-class StreetRenderer::Impl {
- public:
-  Impl(const SimulationOptions& options, const SimulationInput& input,
-       const std::vector<Camera>& cameras, const RenderingOptions& rendering,
-       const Context& context)
-      : road_(MakeDrive(options, input), kRoadExtension_m),
-        surfaces_(road_, 0, options.random_seed),
-        ground_(MakeGround(road_, surfaces_.surfaces())),
-        painter_(surfaces_.surfaces(), ground_, options.random_seed),
-        num_samples_(rendering.samples_per_axis * rendering.samples_per_axis) {
-    for (const Camera& camera : cameras) {
-      camera_rays_.push_back(MakeCameraRays(camera, rendering, context));
-    }
+StreetRenderer::StreetRenderer(const SimulationOptions& options,
+                               const SimulationInput& input,
+                               const std::vector<Camera>& cameras,
+                               const RenderingOptions& rendering,
+                               const Context& context)
+    : road_(MakeDrive(options, input), kRoadExtension_m),
+      surfaces_(road_, 0, options.random_seed),
+      ground_(road_, GroundBox(road_, surfaces_.surfaces())),
+      painter_(surfaces_.surfaces(), ground_, options.random_seed),
+      num_samples_(rendering.samples_per_axis * rendering.samples_per_axis) {
+  for (const Camera& camera : cameras) {
+    camera_rays_.push_back(MakeCameraRays(camera, rendering, context));
   }
+}
 
-  ColorImage Render(int camera_idx, const Rigid3& cam_from_world,
-                    const Context& context) const;
+StreetRenderer::Hit StreetRenderer::Cast(
+    const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+  const auto surface = surfaces_.Cast(origin, direction, kMaxDistance_m);
+  const double nearest = surface ? surface->distance_m : kMaxDistance_m;
+  const auto ground = ground_.Cast(origin, direction, nearest);
+  if (ground) return {*ground, std::nullopt};
+  if (surface) return {nearest, surface};
+  return {};
+}
 
-  std::optional<double> DistanceAlong(const Eigen::Vector3d& origin_in_world,
-                                      const Eigen::Vector3d& direction) const {
-    const Eigen::Quaterniond& level_from_world = road_.level_from_world();
-    const Hit hit =
-        Cast(level_from_world * origin_in_world, level_from_world * direction);
-    return hit.distance_m;
-  }
+std::optional<double> StreetRenderer::DistanceAlong(
+    const Eigen::Vector3d& origin_in_world,
+    const Eigen::Vector3d& direction) const {
+  const Eigen::Quaterniond& level_from_world = road_.level_from_world();
+  return Cast(level_from_world * origin_in_world, level_from_world * direction)
+      .distance_m;
+}
 
- private:
-  // The first intersection with ground or surfaces; none for the backdrop.
-  struct Hit {
-    std::optional<double> distance_m;
-    std::optional<SurfaceHit> surface;
-  };
-
-  Hit Cast(const Eigen::Vector3d& origin,
-           const Eigen::Vector3d& direction) const {
-    const auto surface = surfaces_.Cast(origin, direction, kMaxDistance_m);
-    const double nearest = surface ? surface->distance_m : kMaxDistance_m;
-    const auto ground = ground_.Cast(origin, direction, nearest);
-    if (ground) return {*ground, std::nullopt};
-    if (surface) return {nearest, surface};
-    return {};
-  }
-
-  Color Trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-              double footprint_rad) const;
-  Eigen::Quaterniond LevelFromCam(const Rigid3& cam_from_world) const {
-    return road_.level_from_world() * cam_from_world.rotation.conjugate();
-  }
-
-  const Road road_;
-  const StreetSurfaces surfaces_;
-  const Ground ground_;
-  const StreetPainter painter_;
-  const int num_samples_;
-  std::vector<CameraRays> camera_rays_;
-};
-
-Color StreetRenderer::Impl::Trace(const Eigen::Vector3d& origin,
-                                  const Eigen::Vector3d& direction,
-                                  double footprint_rad) const {
+Color StreetRenderer::Trace(const Eigen::Vector3d& origin,
+                            const Eigen::Vector3d& direction,
+                            double footprint_rad) const {
   const Hit hit = Cast(origin, direction);
   if (!hit.distance_m) return painter_.PaintBackdrop(direction, footprint_rad);
   const double distance = *hit.distance_m;
@@ -202,16 +148,16 @@ Color StreetRenderer::Impl::Trace(const Eigen::Vector3d& origin,
   return clear * color + (1.0f - clear) * Color(0.68f, 0.73f, 0.78f);
 }
 
-ColorImage StreetRenderer::Impl::Render(int camera_idx,
-                                        const Rigid3& cam_from_world,
-                                        const Context& context) const {
+ColorImage StreetRenderer::Render(int camera_idx, const Rigid3& cam_from_world,
+                                  const Context& context) const {
   const CameraRays& camera = camera_rays_[camera_idx];
   ColorImage image{camera.width_px, camera.height_px, {}};
   image.rgb.resize(3 * static_cast<size_t>(camera.width_px) * camera.height_px);
   const Eigen::Vector3d origin =
       road_.level_from_world() * cam_from_world.Center();
   const Eigen::Matrix3d level_from_cam =
-      LevelFromCam(cam_from_world).toRotationMatrix();
+      (road_.level_from_world() * cam_from_world.rotation.conjugate())
+          .toRotationMatrix();
   ParallelFor(
       camera.height_px, ResolveNumThreads(context.num_threads),
       [&](size_t row) {
@@ -235,27 +181,6 @@ ColorImage StreetRenderer::Impl::Render(int camera_idx,
       },
       8);
   return image;
-}
-
-StreetRenderer::StreetRenderer(const SimulationOptions& options,
-                               const SimulationInput& input,
-                               const std::vector<Camera>& cameras,
-                               const RenderingOptions& rendering,
-                               const Context& context)
-    : impl_(std::make_unique<Impl>(options, input, cameras, rendering,
-                                   context)) {}
-
-StreetRenderer::~StreetRenderer() = default;
-
-ColorImage StreetRenderer::Render(int camera_idx, const Rigid3& cam_from_world,
-                                  const Context& context) const {
-  return impl_->Render(camera_idx, cam_from_world, context);
-}
-
-std::optional<double> StreetRenderer::DistanceAlong(
-    const Eigen::Vector3d& origin_in_world,
-    const Eigen::Vector3d& direction) const {
-  return impl_->DistanceAlong(origin_in_world, direction);
 }
 
 }  // namespace mgsfm

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <vector>
 
@@ -10,6 +9,9 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/simulator/simulation.h"
+#include "simulator/road.h"
+#include "simulator/street_painter.h"
+#include "simulator/street_surfaces.h"
 
 namespace mgsfm {
 
@@ -36,6 +38,20 @@ struct ColorImage {
   std::vector<uint8_t> rgb;
 };
 
+// A ray of an image and its brightness; 0 is black.
+struct PixelRay {
+  Eigen::Vector3f ray = Eigen::Vector3f::Zero();
+  float brightness = 0.0f;
+};
+
+// The rays of all samples of the pixels of a camera in row-major order.
+struct CameraRays {
+  int width_px = 0;
+  int height_px = 0;
+  double footprint_rad = 0.0;
+  std::vector<PixelRay> rays;
+};
+
 // Scales the images of a rig. Focal lengths and principal points scale exactly;
 // image sizes are rounded up to whole pixels.
 std::vector<SimulatedCamera> ScaledRig(std::vector<SimulatedCamera> rig,
@@ -55,7 +71,7 @@ class StreetRenderer {
   StreetRenderer(const SimulationOptions& options, const SimulationInput& input,
                  const std::vector<Camera>& cameras,
                  const RenderingOptions& rendering, const Context& context);
-  ~StreetRenderer();
+  // Parts refer to each other.
   StreetRenderer(const StreetRenderer&) = delete;
   StreetRenderer& operator=(const StreetRenderer&) = delete;
 
@@ -68,8 +84,23 @@ class StreetRenderer {
                                       const Eigen::Vector3d& direction) const;
 
  private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  // The first intersection with ground or surfaces; none for the backdrop.
+  struct Hit {
+    std::optional<double> distance_m;
+    std::optional<SurfaceHit> surface;
+  };
+
+  Hit Cast(const Eigen::Vector3d& origin,
+           const Eigen::Vector3d& direction) const;
+  Color Trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+              double footprint_rad) const;
+
+  const Road road_;
+  const StreetSurfaces surfaces_;
+  const Ground ground_;
+  const StreetPainter painter_;
+  const int num_samples_;
+  std::vector<CameraRays> camera_rays_;
 };
 
 }  // namespace mgsfm

@@ -168,7 +168,7 @@ Eigen::Vector2d MeanHeading(const Drive& drive,
 Road::Road(const Drive& drive, int extension_m)
     : extension_(extension_m),
       level_from_world_(LevelFromWorld(drive)),
-      grid_(Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero(), kGridCell_m) {
+      grid_(CellGrid::OfPoints({}, kGridCell_m)) {
   const std::vector<Eigen::Vector3d> grounds =
       Transformed(drive.rig_from_world, [&](const Rigid3& rig_from_world) {
         return Eigen::Vector3d(level_from_world_ * rig_from_world.Center() -

@@ -101,14 +101,12 @@ class Simulator {
     const Detector detector(options_, rig_, assumed_rig_, *world_,
                             vehicles ? &*vehicles : nullptr);
     DetectFeatures(detector);
-    if (options_.convoy_ratio > 0.0) {
-      HideConvoys(options_, drive_, static_cast<int>(rig_.size()), *world_,
-                  *vehicles, detector, &photographs_);
-    }
-    const WeakCuts weak_cuts(options_, drive_, *world_, detector, photographs_);
-    AddPairs(PairMaker(options_, rig_, *world_, vehicles ? &*vehicles : nullptr,
-                       detector, weak_cuts, photographs_),
-             detector);
+    const Footage footage{
+        options_, rig_,        drive_, *world_, vehicles ? &*vehicles : nullptr,
+        detector, photographs_};
+    if (options_.convoy_ratio > 0.0) HideConvoys(footage);
+    const WeakCuts weak_cuts(footage);
+    AddPairs(footage, PairMaker(footage, weak_cuts));
     AddFeatures();
     AddTruePoses();
     AddTruePoints();
@@ -125,18 +123,232 @@ class Simulator {
   }
 
  private:
-  void AddRig();
-  void AddImages();
-  std::string FrameName(int frame) const;
-  Exposure Expose(int camera, int frame) const;
-  int NumDuplicates() const;
-  void DetectFeatures(const Detector& detector);
-  void AddPairs(const PairMaker& maker, const Detector& detector);
+  void AddRig() {
+    Scene& scene = simulation_.scene;
+    // Rigs in the order of their first images.
+    std::vector<int> rig_idxs(drive_.num_rigs, -1);
+    sensor_idxs_.resize(rig_.size());
+    for (const int i : OrderByName(rig_)) {
+      const SimulatedCamera& camera = assumed_rig_[i];
+      int& rig_idx = rig_idxs[camera.rig];
+      if (rig_idx < 0) {
+        rig_idx = static_cast<int>(scene.rigs.size());
+        scene.rigs.push_back(
+            {RigId(static_cast<uint32_t>(rig_idx + 5)), 0, {}});
+      }
+      const int idx = static_cast<int>(scene.sensors.size());
+      scene.cameras.push_back({CameraId(static_cast<uint32_t>(3 * idx + 4)),
+                               camera.model, camera.width_px, camera.height_px,
+                               camera.params, true});
+      Sensor sensor{SensorName(camera.image_prefix), rig_idx, idx,
+                    std::nullopt};
+      const bool is_reference = i == 0 || camera.rig != rig_[i - 1].rig;
+      if (is_reference || options_.extrinsics_are_known) {
+        sensor.sensor_from_rig = camera.sensor_from_rig;
+      }
+      scene.sensors.push_back(sensor);
+      scene.rigs[rig_idx].sensor_idxs.push_back(idx);
+      if (is_reference) scene.rigs[rig_idx].ref_sensor_idx = idx;
+      sensor_idxs_[i] = idx;
+    }
+  }
+
+  void AddImages() {
+    Scene& scene = simulation_.scene;
+    std::vector<int> frame_idx_of_drive(drive_.num_frames(), -1);
+    for (const int camera : OrderByName(rig_)) {
+      for (int frame = 0; frame < drive_.num_frames(); ++frame) {
+        if (frame % drive_.num_rigs != rig_[camera].rig) continue;
+        const Exposure exposure = Expose(camera, frame);
+        Random random = RandomOf(options_.random_seed, Effect::kMissingImages,
+                                 exposure.Key());
+        if (random.Uniform() < options_.missing_image_ratio) continue;
+        const std::string frame_name = FrameName(frame);
+        int& frame_idx = frame_idx_of_drive[frame];
+        if (frame_idx < 0) {
+          frame_idx = static_cast<int>(scene.frames.size());
+          scene.frames.push_back(
+              {FrameId(static_cast<uint32_t>(2 * frame + 9)),
+               frame_name,
+               simulation_.scene.sensors[sensor_idxs_[camera]].rig_idx,
+               {}});
+          drive_frames_.push_back(frame);
+        }
+        const int image_idx = static_cast<int>(scene.images.size());
+        scene.frames[frame_idx].image_idxs.push_back(image_idx);
+        scene.images.push_back(
+            {ImageId(static_cast<uint32_t>(frame * rig_.size() + camera + 1)),
+             rig_[camera].image_prefix + frame_name + ".png",
+             sensor_idxs_[camera],
+             sensor_idxs_[camera],
+             frame_idx,
+             {},
+             drive_.TimeOfFrame(frame)});
+        photographs_.exposures.push_back(exposure);
+        simulation_.cam_from_world.push_back(exposure.cam_from_world);
+      }
+    }
+    drive_frames_ = Transformed(SortFrames(&scene), [&](int frame_idx) {
+      return drive_frames_[frame_idx];
+    });
+  }
+
+  std::string FrameName(int frame) const {
+    return options_.time_names
+               ? Formatted("%019lld",
+                           std::llround(1e9 * drive_.TimeOfFrame(frame)))
+               : Formatted("%06d", drive_.pose_of_frame[frame]);
+  }
+
+  Exposure Expose(int camera, int frame) const {
+    Exposure exposure{camera, frame, drive_.TimeOfFrame(frame), {}};
+    Rigid3 rig_from_world = drive_.PoseOfFrame(frame);
+    double delay_ms = camera == 0 ? 0.0 : options_.trigger_offset_ms;
+    if (options_.trigger_jitter_ms > 0.0) {
+      Random random = RandomOf(options_.random_seed, Effect::kTriggerJitter,
+                               exposure.Key());
+      delay_ms += options_.trigger_jitter_ms * random.Uniform(-1.0, 1.0);
+    }
+    if (delay_ms != 0.0) {
+      exposure.time_s += 1e-3 * delay_ms;
+      rig_from_world = drive_.PoseAt(exposure.time_s);
+    }
+    exposure.cam_from_world = rig_[camera].sensor_from_rig * rig_from_world;
+    if (options_.readout_ms > 0.0) {
+      const double half_s = 0.5e-3 * options_.readout_ms;
+      const auto pose_at = [&](double time_s) {
+        return rig_[camera].sensor_from_rig * drive_.PoseAt(time_s);
+      };
+      exposure.of_rows.emplace();
+      exposure.of_rows->rig_from_world = {pose_at(exposure.time_s - half_s),
+                                          pose_at(exposure.time_s + half_s)};
+      exposure.of_rows->times_s = {0.0, 1.0};
+    }
+    return exposure;
+  }
+
+  int NumDuplicates() const {
+    if (options_.duplicated_pair_ratio == 0.0) return 0;
+    const size_t num_pairs =
+        PlanNeighbors(options_, drive_, photographs_.exposures).size();
+    const double pairs_per_duplicate = options_.weak_cut_spacing > 0
+                                           ? kPairsPerDuplicateAtCuts
+                                           : kPairsPerDuplicate;
+    return static_cast<int>(std::ceil(options_.duplicated_pair_ratio *
+                                      static_cast<double>(num_pairs) /
+                                      pairs_per_duplicate));
+  }
+
+  void DetectFeatures(const Detector& detector) {
+    const std::vector<Exposure>& exposures = photographs_.exposures;
+    photographs_.features.resize(exposures.size());
+    ParallelFor(
+        exposures.size(), context_, "simulation: features",
+        [&](size_t i) {
+          photographs_.features[i] = detector.Detect(exposures[i]);
+        },
+        16);
+  }
+
+  // The numbers of wrong pairs are fractions of all pairs.
+  void AddPairs(const Footage& footage, const PairMaker& maker) {
+    std::vector<PairPlan> plans = PlanPairs(footage, context_);
+    std::vector<MadePair> pairs = MakePairs(maker, plans);
+    const double wrong_ratio =
+        options_.isolated_wrong_pair_ratio + options_.duplicated_pair_ratio;
+    if (wrong_ratio >= 1.0) {
+      throw Error(
+          "isolated_wrong_pair_ratio and duplicated_pair_ratio leave no "
+          "correct "
+          "pairs; decrease one of them");
+    }
+    const double num_all =
+        static_cast<double>(pairs.size()) / (1.0 - wrong_ratio);
+    const auto num_of = [num_all](double ratio) {
+      return static_cast<int>(std::lround(ratio * num_all));
+    };
+    const std::vector<PairPlan> duplicated = PlanDuplicatedPairs(
+        footage, plans, num_of(options_.duplicated_pair_ratio));
+    const auto append = [&pairs](std::vector<MadePair> more) {
+      std::move(more.begin(), more.end(), std::back_inserter(pairs));
+    };
+    append(MakePairs(maker, duplicated));
+    plans.insert(plans.end(), duplicated.begin(), duplicated.end());
+    std::sort(plans.begin(), plans.end());
+    append(MakeIsolatedPairs(footage, maker, plans,
+                             num_of(options_.isolated_wrong_pair_ratio),
+                             context_));
+    SortBy(&pairs, [](const MadePair& made) {
+      return std::pair(made.pair.image_idx1, made.pair.image_idx2);
+    });
+    for (MadePair& pair : pairs) {
+      simulation_.view_graph.pairs.push_back(std::move(pair.pair));
+      simulation_.pair_kinds.push_back(pair.kind);
+    }
+  }
+
   std::vector<MadePair> MakePairs(const PairMaker& maker,
-                                  const std::vector<PairPlan>& plans) const;
-  void AddFeatures();
-  void AddTruePoses();
-  void AddTruePoints();
+                                  const std::vector<PairPlan>& plans) const {
+    std::vector<std::optional<MadePair>> made(plans.size());
+    ParallelFor(
+        plans.size(), context_, "simulation: pairs",
+        [&](size_t i) { made[i] = maker.Make(plans[i]); }, 64);
+    std::vector<MadePair> pairs;
+    for (std::optional<MadePair>& pair : made) {
+      if (pair) pairs.push_back(std::move(*pair));
+    }
+    return pairs;
+  }
+
+  void AddFeatures() {
+    const int num_points = static_cast<int>(world_->points.size());
+    for (size_t i = 0; i < photographs_.features.size(); ++i) {
+      SimulatedFeatures& features = photographs_.features[i];
+      for (int& identity : features.identities) {
+        if (identity >= num_points) identity = -1;
+      }
+      simulation_.keypoint_points.push_back(std::move(features.identities));
+      simulation_.scene.images[i].keypoints_px =
+          std::move(features.keypoints_px);
+    }
+    for (const WorldPoint& point : world_->points) {
+      simulation_.world_points.push_back(point.position);
+    }
+  }
+
+  void AddTruePoses() {
+    Reconstruction& truth = simulation_.ground_truth;
+    truth.cameras = simulation_.scene.cameras;
+    truth.sensor_from_rig.resize(rig_.size());
+    for (size_t i = 0; i < rig_.size(); ++i) {
+      truth.cameras[sensor_idxs_[i]].params = rig_[i].params;
+      truth.sensor_from_rig[sensor_idxs_[i]] = rig_[i].sensor_from_rig;
+    }
+    for (const int frame : drive_frames_) {
+      truth.rig_from_world.emplace_back(drive_.PoseOfFrame(frame));
+    }
+  }
+
+  void AddTruePoints() {
+    const Scene& scene = simulation_.scene;
+    Reconstruction& truth = simulation_.ground_truth;
+    std::vector<std::vector<Observation>> tracks(
+        simulation_.world_points.size());
+    for (size_t i = 0; i < scene.images.size(); ++i) {
+      const std::vector<int>& points = simulation_.keypoint_points[i];
+      for (size_t j = 0; j < points.size(); ++j) {
+        if (points[j] < 0) continue;
+        tracks[points[j]].push_back({static_cast<int>(i), static_cast<int>(j)});
+      }
+    }
+    for (size_t i = 0; i < tracks.size(); ++i) {
+      if (tracks[i].size() < 2) continue;
+      Point3D point;
+      point.point_in_world = simulation_.world_points[i];
+      point.track = std::move(tracks[i]);
+      truth.points.push_back(std::move(point));
+    }
+  }
 
   const SimulationOptions& options_;
   const Context& context_;
@@ -150,240 +362,6 @@ class Simulator {
   std::vector<int> sensor_idxs_;   // per camera of the rig
   Simulation simulation_;
 };
-
-void Simulator::AddRig() {
-  Scene& scene = simulation_.scene;
-  // Rigs in the order of their first images.
-  std::vector<int> rig_idxs(drive_.num_rigs, -1);
-  sensor_idxs_.resize(rig_.size());
-  for (const int i : OrderByName(rig_)) {
-    const SimulatedCamera& camera = assumed_rig_[i];
-    int& rig_idx = rig_idxs[camera.rig];
-    if (rig_idx < 0) {
-      rig_idx = static_cast<int>(scene.rigs.size());
-      scene.rigs.push_back({RigId(static_cast<uint32_t>(rig_idx + 5)), 0, {}});
-    }
-    const int idx = static_cast<int>(scene.sensors.size());
-    scene.cameras.push_back({CameraId(static_cast<uint32_t>(3 * idx + 4)),
-                             camera.model, camera.width_px, camera.height_px,
-                             camera.params, true});
-    Sensor sensor{SensorName(camera.image_prefix), rig_idx, idx, std::nullopt};
-    const bool is_reference = i == 0 || camera.rig != rig_[i - 1].rig;
-    if (is_reference || options_.extrinsics_are_known) {
-      sensor.sensor_from_rig = camera.sensor_from_rig;
-    }
-    scene.sensors.push_back(sensor);
-    scene.rigs[rig_idx].sensor_idxs.push_back(idx);
-    if (is_reference) scene.rigs[rig_idx].ref_sensor_idx = idx;
-    sensor_idxs_[i] = idx;
-  }
-}
-
-Exposure Simulator::Expose(int camera, int frame) const {
-  Exposure exposure{camera, frame, drive_.TimeOfFrame(frame), {}};
-  Rigid3 rig_from_world = drive_.PoseOfFrame(frame);
-  double delay_ms = camera == 0 ? 0.0 : options_.trigger_offset_ms;
-  if (options_.trigger_jitter_ms > 0.0) {
-    Random random =
-        RandomOf(options_.random_seed, Effect::kTriggerJitter, exposure.Key());
-    delay_ms += options_.trigger_jitter_ms * random.Uniform(-1.0, 1.0);
-  }
-  if (delay_ms != 0.0) {
-    exposure.time_s += 1e-3 * delay_ms;
-    rig_from_world = drive_.PoseAt(exposure.time_s);
-  }
-  exposure.cam_from_world = rig_[camera].sensor_from_rig * rig_from_world;
-  if (options_.readout_ms > 0.0) {
-    const double half_s = 0.5e-3 * options_.readout_ms;
-    const auto pose_at = [&](double time_s) {
-      return rig_[camera].sensor_from_rig * drive_.PoseAt(time_s);
-    };
-    exposure.of_rows.emplace();
-    exposure.of_rows->rig_from_world = {pose_at(exposure.time_s - half_s),
-                                        pose_at(exposure.time_s + half_s)};
-    exposure.of_rows->times_s = {0.0, 1.0};
-  }
-  return exposure;
-}
-
-std::string Simulator::FrameName(int frame) const {
-  return options_.time_names
-             ? Formatted("%019lld",
-                         std::llround(1e9 * drive_.TimeOfFrame(frame)))
-             : Formatted("%06d", drive_.pose_of_frame[frame]);
-}
-
-void Simulator::AddImages() {
-  Scene& scene = simulation_.scene;
-  std::vector<int> frame_idx_of_drive(drive_.num_frames(), -1);
-  for (const int camera : OrderByName(rig_)) {
-    for (int frame = 0; frame < drive_.num_frames(); ++frame) {
-      if (frame % drive_.num_rigs != rig_[camera].rig) continue;
-      const Exposure exposure = Expose(camera, frame);
-      Random random = RandomOf(options_.random_seed, Effect::kMissingImages,
-                               exposure.Key());
-      if (random.Uniform() < options_.missing_image_ratio) continue;
-      const std::string frame_name = FrameName(frame);
-      int& frame_idx = frame_idx_of_drive[frame];
-      if (frame_idx < 0) {
-        frame_idx = static_cast<int>(scene.frames.size());
-        scene.frames.push_back(
-            {FrameId(static_cast<uint32_t>(2 * frame + 9)),
-             frame_name,
-             simulation_.scene.sensors[sensor_idxs_[camera]].rig_idx,
-             {}});
-        drive_frames_.push_back(frame);
-      }
-      const int image_idx = static_cast<int>(scene.images.size());
-      scene.frames[frame_idx].image_idxs.push_back(image_idx);
-      scene.images.push_back(
-          {ImageId(static_cast<uint32_t>(frame * rig_.size() + camera + 1)),
-           rig_[camera].image_prefix + frame_name + ".png",
-           sensor_idxs_[camera],
-           sensor_idxs_[camera],
-           frame_idx,
-           {},
-           drive_.TimeOfFrame(frame)});
-      photographs_.exposures.push_back(exposure);
-      simulation_.cam_from_world.push_back(exposure.cam_from_world);
-    }
-  }
-  drive_frames_ = Transformed(SortFrames(&scene), [&](int frame_idx) {
-    return drive_frames_[frame_idx];
-  });
-}
-
-int Simulator::NumDuplicates() const {
-  if (options_.duplicated_pair_ratio == 0.0) return 0;
-  const size_t num_pairs =
-      PlanNeighbors(options_, drive_, photographs_.exposures).size();
-  const double pairs_per_duplicate = options_.weak_cut_spacing > 0
-                                         ? kPairsPerDuplicateAtCuts
-                                         : kPairsPerDuplicate;
-  return static_cast<int>(std::ceil(options_.duplicated_pair_ratio *
-                                    static_cast<double>(num_pairs) /
-                                    pairs_per_duplicate));
-}
-
-void Simulator::DetectFeatures(const Detector& detector) {
-  const std::vector<Exposure>& exposures = photographs_.exposures;
-  photographs_.features.resize(exposures.size());
-  ParallelFor(
-      exposures.size(), ResolveNumThreads(context_.num_threads),
-      [&](size_t i) {
-        photographs_.features[i] = detector.Detect(exposures[i]);
-      },
-      16,
-      [&](size_t num_done) {
-        context_.ReportProgress("simulation: features", num_done,
-                                exposures.size());
-      });
-}
-
-std::vector<MadePair> Simulator::MakePairs(
-    const PairMaker& maker, const std::vector<PairPlan>& plans) const {
-  std::vector<std::optional<MadePair>> made(plans.size());
-  ParallelFor(
-      plans.size(), ResolveNumThreads(context_.num_threads),
-      [&](size_t i) { made[i] = maker.Make(plans[i]); }, 64,
-      [&](size_t num_done) {
-        context_.ReportProgress("simulation: pairs", num_done, plans.size());
-      });
-  std::vector<MadePair> pairs;
-  for (std::optional<MadePair>& pair : made) {
-    if (pair) pairs.push_back(std::move(*pair));
-  }
-  return pairs;
-}
-
-// The numbers of wrong pairs are fractions of all pairs.
-void Simulator::AddPairs(const PairMaker& maker, const Detector& detector) {
-  std::vector<PairPlan> plans =
-      PlanPairs(options_, drive_, *world_, photographs_, context_);
-  std::vector<MadePair> pairs = MakePairs(maker, plans);
-  const double wrong_ratio =
-      options_.isolated_wrong_pair_ratio + options_.duplicated_pair_ratio;
-  if (wrong_ratio >= 1.0) {
-    throw Error(
-        "isolated_wrong_pair_ratio and duplicated_pair_ratio leave no correct "
-        "pairs; decrease one of them");
-  }
-  const double num_all =
-      static_cast<double>(pairs.size()) / (1.0 - wrong_ratio);
-  const auto num_of = [num_all](double ratio) {
-    return static_cast<int>(std::lround(ratio * num_all));
-  };
-  const std::vector<PairPlan> duplicated =
-      PlanDuplicatedPairs(options_, *world_, photographs_, plans,
-                          num_of(options_.duplicated_pair_ratio));
-  const auto append = [&pairs](std::vector<MadePair> more) {
-    std::move(more.begin(), more.end(), std::back_inserter(pairs));
-  };
-  append(MakePairs(maker, duplicated));
-  plans.insert(plans.end(), duplicated.begin(), duplicated.end());
-  std::sort(plans.begin(), plans.end());
-  append(MakeIsolatedPairs(options_, rig_, detector, maker, plans,
-                           num_of(options_.isolated_wrong_pair_ratio), context_,
-                           &photographs_));
-  std::sort(pairs.begin(), pairs.end(),
-            [](const MadePair& a, const MadePair& b) {
-              return a.pair.image_idx1 != b.pair.image_idx1
-                         ? a.pair.image_idx1 < b.pair.image_idx1
-                         : a.pair.image_idx2 < b.pair.image_idx2;
-            });
-  for (MadePair& pair : pairs) {
-    simulation_.view_graph.pairs.push_back(std::move(pair.pair));
-    simulation_.pair_kinds.push_back(pair.kind);
-  }
-}
-
-void Simulator::AddFeatures() {
-  const int num_points = static_cast<int>(world_->points.size());
-  for (size_t i = 0; i < photographs_.features.size(); ++i) {
-    SimulatedFeatures& features = photographs_.features[i];
-    for (int& identity : features.identities) {
-      if (identity >= num_points) identity = -1;
-    }
-    simulation_.keypoint_points.push_back(std::move(features.identities));
-    simulation_.scene.images[i].keypoints_px = std::move(features.keypoints_px);
-  }
-  for (const WorldPoint& point : world_->points) {
-    simulation_.world_points.push_back(point.position);
-  }
-}
-
-void Simulator::AddTruePoses() {
-  Reconstruction& truth = simulation_.ground_truth;
-  truth.cameras = simulation_.scene.cameras;
-  truth.sensor_from_rig.resize(rig_.size());
-  for (size_t i = 0; i < rig_.size(); ++i) {
-    truth.cameras[sensor_idxs_[i]].params = rig_[i].params;
-    truth.sensor_from_rig[sensor_idxs_[i]] = rig_[i].sensor_from_rig;
-  }
-  for (const int frame : drive_frames_) {
-    truth.rig_from_world.emplace_back(drive_.PoseOfFrame(frame));
-  }
-}
-
-void Simulator::AddTruePoints() {
-  const Scene& scene = simulation_.scene;
-  Reconstruction& truth = simulation_.ground_truth;
-  std::vector<std::vector<Observation>> tracks(simulation_.world_points.size());
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    const std::vector<int>& points = simulation_.keypoint_points[i];
-    for (size_t j = 0; j < points.size(); ++j) {
-      if (points[j] < 0) continue;
-      tracks[points[j]].push_back({static_cast<int>(i), static_cast<int>(j)});
-    }
-  }
-  for (size_t i = 0; i < tracks.size(); ++i) {
-    if (tracks[i].size() < 2) continue;
-    Point3D point;
-    point.point_in_world = simulation_.world_points[i];
-    point.track = std::move(tracks[i]);
-    truth.points.push_back(std::move(point));
-  }
-}
 
 }  // namespace
 

@@ -34,9 +34,8 @@ std::optional<double> FirstRoot(double a, double b, double c, double begin,
 
 }  // namespace
 
-Ground::Field::Field(const Eigen::Vector2d& min, const Eigen::Vector2d& max,
-                     double cell_size_m)
-    : grid(min, max, cell_size_m),
+Ground::Field::Field(const Eigen::AlignedBox2d& box, double cell_size_m)
+    : grid(box, cell_size_m),
       values((grid.num_columns() + 1) * (grid.num_rows() + 1), 0.0) {}
 
 Eigen::Vector2d Ground::Field::Corner(int column, int row) const {
@@ -53,40 +52,31 @@ double Ground::Field::Interpolate(const Eigen::Vector2d& position) const {
          y * ((1.0 - x) * At(column, row + 1) + x * At(column + 1, row + 1));
 }
 
-Ground::Ground(const Road& road, const Eigen::Vector2d& min,
-               const Eigen::Vector2d& max)
-    : heights_(min, max, kHeightCell_m),
-      road_distances_(min, max, kDistanceCell_m) {
-  for (int row = 0; row <= heights_.grid.num_rows(); ++row) {
-    for (int column = 0; column <= heights_.grid.num_columns(); ++column) {
-      const Eigen::Vector2d corner = heights_.Corner(column, row);
-      double sum = 0.0, weight_sum = 0.0;
-      for (const RoadNode& node : road.nodes()) {
-        const double distance =
-            (node.ground.head<2>() - corner).squaredNorm() + 2.0;
-        const double weight = 1.0 / (distance * distance * distance);
-        sum += weight * node.ground.z();
-        weight_sum += weight;
-      }
-      heights_.At(column, row) = sum / weight_sum;
+Ground::Ground(const Road& road, const Eigen::AlignedBox2d& box)
+    : heights_(box, kHeightCell_m), road_distances_(box, kDistanceCell_m) {
+  heights_.Fill([&](const Eigen::Vector2d& corner) {
+    double sum = 0.0, weight_sum = 0.0;
+    for (const RoadNode& node : road.nodes()) {
+      const double distance =
+          (node.ground.head<2>() - corner).squaredNorm() + 2.0;
+      const double weight = 1.0 / (distance * distance * distance);
+      sum += weight * node.ground.z();
+      weight_sum += weight;
     }
-  }
+    return sum / weight_sum;
+  });
   max_height_m_ =
       *std::max_element(heights_.values.begin(), heights_.values.end());
 
   const std::vector<Eigen::Vector2d> positions = road.Positions();
   const CellGrid nodes = CellGrid::OfPoints(positions, kMaxRoadDistance_m);
-  for (int row = 0; row <= road_distances_.grid.num_rows(); ++row) {
-    for (int column = 0; column <= road_distances_.grid.num_columns();
-         ++column) {
-      const Eigen::Vector2d corner = road_distances_.Corner(column, row);
-      double& distance = road_distances_.At(column, row);
-      distance = kMaxRoadDistance_m;
-      nodes.ForEachNear(corner, kMaxRoadDistance_m, [&](int i) {
-        distance = std::min(distance, (positions[i] - corner).norm());
-      });
-    }
-  }
+  road_distances_.Fill([&](const Eigen::Vector2d& corner) {
+    double distance = kMaxRoadDistance_m;
+    nodes.ForEachNear(corner, kMaxRoadDistance_m, [&](int i) {
+      distance = std::min(distance, (positions[i] - corner).norm());
+    });
+    return distance;
+  });
 }
 
 double Ground::HeightAt(const Eigen::Vector2d& position) const {

@@ -18,8 +18,7 @@ namespace mgsfm {
 class Ground {
  public:
   // Covers the box.
-  Ground(const Road& road, const Eigen::Vector2d& min,
-         const Eigen::Vector2d& max);
+  Ground(const Road& road, const Eigen::AlignedBox2d& box);
 
   double HeightAt(const Eigen::Vector2d& position) const;
   // Distance to the center line of the road, at most kMaxRoadDistance_m;
@@ -40,11 +39,17 @@ class Ground {
     CellGrid grid;
     std::vector<double> values;
 
-    Field(const Eigen::Vector2d& min, const Eigen::Vector2d& max,
-          double cell_size_m);
+    Field(const Eigen::AlignedBox2d& box, double cell_size_m);
     Eigen::Vector2d Corner(int column, int row) const;
-    double& At(int column, int row) {
-      return values[row * (grid.num_columns() + 1) + column];
+    // Sets each value to value_at(corner).
+    template <class Value>
+    void Fill(const Value& value_at) {
+      double* value = values.data();
+      for (int row = 0; row <= grid.num_rows(); ++row) {
+        for (int column = 0; column <= grid.num_columns(); ++column) {
+          *value++ = value_at(Corner(column, row));
+        }
+      }
     }
     double At(int column, int row) const {
       return values[row * (grid.num_columns() + 1) + column];

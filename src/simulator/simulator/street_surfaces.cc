@@ -376,24 +376,17 @@ Eigen::Vector3d NormalAt(const Surface& surface, const Eigen::Vector3d& point,
   return {normal.x(), normal.y(), 0.0};
 }
 
-struct Box {
-  Eigen::Vector2d min, max;
-};
-
-Box BoxOf(const Surface& surface) {
+Eigen::AlignedBox2d BoxOf(const Surface& surface) {
   const Eigen::Vector2d margin(surface.radius_m, surface.radius_m);
   return {surface.a.cwiseMin(surface.b) - margin,
           surface.a.cwiseMax(surface.b) + margin};
 }
 
 CellGrid MakeGrid(const std::vector<Surface>& surfaces) {
-  Box box{Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero()};
-  for (size_t i = 0; i < surfaces.size(); ++i) {
-    const Box added = BoxOf(surfaces[i]);
-    box.min = i == 0 ? added.min : box.min.cwiseMin(added.min);
-    box.max = i == 0 ? added.max : box.max.cwiseMax(added.max);
-  }
-  return CellGrid(box.min, box.max, kCell_m);
+  Eigen::AlignedBox2d box;
+  for (const Surface& surface : surfaces) box.extend(BoxOf(surface));
+  if (surfaces.empty()) box.extend(Eigen::Vector2d(0.0, 0.0));
+  return CellGrid(box, kCell_m);
 }
 
 }  // namespace
@@ -411,11 +404,12 @@ StreetSurfaces::StreetSurfaces(const Road& road, int num_duplicates,
 void StreetSurfaces::FillGrid() {
   std::vector<std::pair<int, int>> items;
   for (size_t i = 0; i < surfaces_.size(); ++i) {
-    const Box box = BoxOf(surfaces_[i]);
-    for (int row = grid_.Row(box.min.y()); row <= grid_.Row(box.max.y());
-         ++row) {
-      for (int column = grid_.Column(box.min.x());
-           column <= grid_.Column(box.max.x()); ++column) {
+    const Eigen::AlignedBox2d box = BoxOf(surfaces_[i]);
+    const int row_end = grid_.Row(box.max().y());
+    const int column_end = grid_.Column(box.max().x());
+    for (int row = grid_.Row(box.min().y()); row <= row_end; ++row) {
+      for (int column = grid_.Column(box.min().x()); column <= column_end;
+           ++column) {
         items.emplace_back(grid_.Cell(column, row), static_cast<int>(i));
       }
     }

@@ -61,21 +61,15 @@ struct Support {
 // Counts what connects both sides of the cut between two consecutive frames.
 class CutInspector {
  public:
-  CutInspector(const SimulationOptions& options, const Drive& drive,
-               const Detector& detector, int num_points,
-               const Photographs& photographs)
-      : options_(options),
-        detector_(detector),
-        num_points_(num_points),
-        photographs_(photographs),
-        plans_of_cut_(drive.num_frames()) {
+  explicit CutInspector(const Footage& footage)
+      : r_(footage), plans_of_cut_(footage.drive.num_frames()) {
+    const std::vector<Exposure>& exposures = r_.photographs.exposures;
     for (const PairPlan& plan :
-         PlanNeighbors(options, drive, photographs.exposures)) {
-      const auto [begin, end] =
-          std::minmax({photographs.exposures[plan.image1].frame,
-                       photographs.exposures[plan.image2].frame});
+         PlanNeighbors(r_.options, r_.drive, exposures)) {
+      const auto [begin, end] = std::minmax(
+          {exposures[plan.image1].frame, exposures[plan.image2].frame});
       // Pairs between the ends of a closed drive cross no cut.
-      if (end - begin > options.num_matched_frames) continue;
+      if (end - begin > r_.options.num_matched_frames) continue;
       for (int cut = begin; cut < end; ++cut) {
         plans_of_cut_[cut].push_back(plan);
       }
@@ -86,82 +80,78 @@ class CutInspector {
     return Transformed(plans_of_cut_[cut],
                        [&](const PairPlan& plan) { return FindCommon(plan); });
   }
-  Support SupportOf(const std::vector<Common>& pairs) const;
+
+  Support SupportOf(const std::vector<Common>& pairs) const {
+    const double correct_share = (1.0 - r_.options.mismatch_ratio) *
+                                 (1.0 - r_.options.epipolar_outlier_ratio);
+    Support support;
+    for (const Common& common : pairs) {
+      const auto num_points = static_cast<double>(common.points.size());
+      const auto exceeds = [&](double factor) {
+        return correct_share * num_points >=
+                   factor * r_.options.min_num_matches &&
+               num_points + common.num_like_world >=
+                   factor * common.num_on_vehicle;
+      };
+      if (!exceeds(1.0)) continue;
+      support.num_matches += correct_share * num_points;
+      if (exceeds(kSafetyFactor)) ++support.num_safe_pairs;
+    }
+    return support;
+  }
 
  private:
-  Common FindCommon(const PairPlan& plan) const;
-  int NumLikeWorld(const PairPlan& plan,
-                   const std::vector<int>& identities) const;
+  Common FindCommon(const PairPlan& plan) const {
+    const std::vector<int>& ids1 =
+        r_.photographs.features[plan.image1].identities;
+    const std::vector<int>& ids2 =
+        r_.photographs.features[plan.image2].identities;
+    Common common;
+    common.gap = std::abs(r_.photographs.exposures[plan.image1].frame -
+                          r_.photographs.exposures[plan.image2].frame);
+    std::set_intersection(ids1.begin(), ids1.end(), ids2.begin(), ids2.end(),
+                          std::back_inserter(common.points));
+    const auto first_moving =
+        std::lower_bound(common.points.begin(), common.points.end(),
+                         static_cast<int>(r_.world.points.size()));
+    const auto first_clutter =
+        std::lower_bound(first_moving, common.points.end(), kClutter);
+    std::map<int, int> num_on_vehicles;
+    for (auto identity = first_moving; identity != first_clutter; ++identity) {
+      int& number = num_on_vehicles[r_.detector.VehicleOf(*identity)];
+      common.num_on_vehicle = std::max(common.num_on_vehicle, ++number);
+    }
+    common.num_like_world = NumLikeWorld(plan, {first_moving, first_clutter});
+    common.points.erase(first_moving, common.points.end());
+    return common;
+  }
 
-  const SimulationOptions& options_;
-  const Detector& detector_;
-  const int num_points_;
-  const Photographs& photographs_;
+  int NumLikeWorld(const PairPlan& plan,
+                   const std::vector<int>& identities) const {
+    Rigid3 cam2_from_cam1 =
+        r_.photographs.exposures[plan.image2].cam_from_world *
+        r_.photographs.exposures[plan.image1].cam_from_world.Inverse();
+    if (cam2_from_cam1.translation.norm() < 1e-9) return 0;
+    cam2_from_cam1.translation.normalize();
+    const double max_error_rad =
+        r_.options.max_verification_error_px / kReferenceFocal_px;
+    const auto ray_of = [this](int image,
+                               int identity) -> const Eigen::Vector3d& {
+      const SimulatedFeatures& features = r_.photographs.features[image];
+      const auto place = std::lower_bound(features.identities.begin(),
+                                          features.identities.end(), identity);
+      return features.rays[place - features.identities.begin()];
+    };
+    return static_cast<int>(CountIf(identities, [&](int identity) {
+      return std::abs(
+                 SampsonAngle(cam2_from_cam1, ray_of(plan.image1, identity),
+                              ray_of(plan.image2, identity))) < max_error_rad;
+    }));
+  }
+
+  const Footage& r_;
   std::vector<std::vector<PairPlan>> plans_of_cut_;
 };
-
-Common CutInspector::FindCommon(const PairPlan& plan) const {
-  const std::vector<int>& ids1 = photographs_.features[plan.image1].identities;
-  const std::vector<int>& ids2 = photographs_.features[plan.image2].identities;
-  Common common;
-  common.gap = std::abs(photographs_.exposures[plan.image1].frame -
-                        photographs_.exposures[plan.image2].frame);
-  std::set_intersection(ids1.begin(), ids1.end(), ids2.begin(), ids2.end(),
-                        std::back_inserter(common.points));
-  const auto first_moving =
-      std::lower_bound(common.points.begin(), common.points.end(), num_points_);
-  const auto first_clutter =
-      std::lower_bound(first_moving, common.points.end(), kClutter);
-  std::map<int, int> num_on_vehicles;
-  for (auto identity = first_moving; identity != first_clutter; ++identity) {
-    int& number = num_on_vehicles[detector_.VehicleOf(*identity)];
-    common.num_on_vehicle = std::max(common.num_on_vehicle, ++number);
-  }
-  common.num_like_world = NumLikeWorld(plan, {first_moving, first_clutter});
-  common.points.erase(first_moving, common.points.end());
-  return common;
-}
-
-int CutInspector::NumLikeWorld(const PairPlan& plan,
-                               const std::vector<int>& identities) const {
-  Rigid3 cam2_from_cam1 =
-      photographs_.exposures[plan.image2].cam_from_world *
-      photographs_.exposures[plan.image1].cam_from_world.Inverse();
-  if (cam2_from_cam1.translation.norm() < 1e-9) return 0;
-  cam2_from_cam1.translation.normalize();
-  const double max_error_rad =
-      options_.max_verification_error_px / kReferenceFocal_px;
-  const auto ray_of = [this](int image,
-                             int identity) -> const Eigen::Vector3d& {
-    const SimulatedFeatures& features = photographs_.features[image];
-    const auto place = std::lower_bound(features.identities.begin(),
-                                        features.identities.end(), identity);
-    return features.rays[place - features.identities.begin()];
-  };
-  return static_cast<int>(CountIf(identities, [&](int identity) {
-    return std::abs(SampsonAngle(cam2_from_cam1, ray_of(plan.image1, identity),
-                                 ray_of(plan.image2, identity))) <
-           max_error_rad;
-  }));
-}
-
-Support CutInspector::SupportOf(const std::vector<Common>& pairs) const {
-  const double correct_share =
-      (1.0 - options_.mismatch_ratio) * (1.0 - options_.epipolar_outlier_ratio);
-  Support support;
-  for (const Common& common : pairs) {
-    const auto num_points = static_cast<double>(common.points.size());
-    const auto exceeds = [&](double factor) {
-      return correct_share * num_points >= factor * options_.min_num_matches &&
-             num_points + common.num_like_world >=
-                 factor * common.num_on_vehicle;
-    };
-    if (!exceeds(1.0)) continue;
-    support.num_matches += correct_share * num_points;
-    if (exceeds(kSafetyFactor)) ++support.num_safe_pairs;
-  }
-  return support;
-}
 
 // Removes the points that are not recognized across a cut.
 void RemoveChanged(uint64_t seed, int cut, double share,
@@ -246,15 +236,13 @@ std::vector<int> PlanWeakCuts(const SimulationOptions& options,
   return cuts;
 }
 
-WeakCuts::WeakCuts(const SimulationOptions& options, const Drive& drive,
-                   const World& world, const Detector& detector,
-                   const Photographs& photographs)
-    : seed_(options.random_seed), max_gap_(options.num_matched_frames) {
-  if (world.weak_cuts.empty()) return;
-  const CutInspector inspector(options, drive, detector,
-                               static_cast<int>(world.points.size()),
-                               photographs);
-  for (const int cut : world.weak_cuts) {
+WeakCuts::WeakCuts(const Footage& footage)
+    : seed_(footage.options.random_seed),
+      max_gap_(footage.options.num_matched_frames) {
+  if (footage.world.weak_cuts.empty()) return;
+  const SimulationOptions& options = footage.options;
+  const CutInspector inspector(footage);
+  for (const int cut : footage.world.weak_cuts) {
     Random random =
         RandomOf(seed_, Effect::kWeakCuts, 2 * static_cast<uint64_t>(cut) + 2);
     const double num_matches = random.Uniform(options.min_num_weak_cut_matches,
@@ -275,21 +263,20 @@ bool WeakCuts::AreSeenAlike(int frame1, int frame2, int identity) const {
              cut->share * ShareOfGap(end - begin);
 }
 
-void HideConvoys(const SimulationOptions& options, const Drive& drive,
-                 int num_cameras, const World& world, const Vehicles& vehicles,
-                 const Detector& detector, Photographs* photographs) {
-  const CutInspector inspector(options, drive, detector,
-                               static_cast<int>(world.points.size()),
-                               *photographs);
-  for (int cut = 0; cut + 1 < drive.num_frames(); ++cut) {
-    const auto convoy = vehicles.ConvoyAt(drive.TimeOfFrame(cut));
+void HideConvoys(const Footage& footage) {
+  const CutInspector inspector(footage);
+  const int num_cameras = static_cast<int>(footage.rig.size());
+  for (int cut = 0; cut + 1 < footage.drive.num_frames(); ++cut) {
+    const auto convoy =
+        footage.vehicles->ConvoyAt(footage.drive.TimeOfFrame(cut));
     if (!convoy) continue;
     for (int i = 0; i < num_cameras; ++i) {
       if (inspector.SupportOf(inspector.FindCommon(cut))
-              .IsEnough(options.min_num_weak_cut_matches)) {
+              .IsEnough(footage.options.min_num_weak_cut_matches)) {
         break;
       }
-      HideInCamera(detector, (*convoy + i) % num_cameras, cut, photographs);
+      HideInCamera(footage.detector, (*convoy + i) % num_cameras, cut,
+                   &footage.photographs);
     }
   }
 }

@@ -22,9 +22,7 @@ class WeakCuts {
   // Chooses the fraction of points that are recognized across each cut of the
   // world such that about as many correct matches remain as the options demand.
   // Omits cuts where fewer would remain.
-  WeakCuts(const SimulationOptions& options, const Drive& drive,
-           const World& world, const Detector& detector,
-           const Photographs& photographs);
+  explicit WeakCuts(const Footage& footage);
 
   // Whether two frames recognize the same point. True for other passes of the
   // same place.
@@ -44,8 +42,6 @@ class WeakCuts {
 // Detects features without convoys in as many images as necessary for some
 // correct pairs between all consecutive frames: one camera after the other,
 // beginning with the same one for each vehicle.
-void HideConvoys(const SimulationOptions& options, const Drive& drive,
-                 int num_cameras, const World& world, const Vehicles& vehicles,
-                 const Detector& detector, Photographs* photographs);
+void HideConvoys(const Footage& footage);
 
 }  // namespace mgsfm

@@ -91,7 +91,7 @@ class PointFinder {
     Random random(seed);
     const double x = random.Uniform(0.0, camera.width_px);
     const double y = random.Uniform(0.0, camera.height_px);
-    const auto ray = RayFromPixel(camera.model, camera.params.data(), {x, y});
+    const auto ray = RayFromPixel(camera, {x, y});
     if (!ray) return;
     const Eigen::Quaterniond& level_from_world = world_.road.level_from_world();
     const Eigen::Vector3d direction = world_from_cam.rotation * *ray;
@@ -126,9 +126,8 @@ class PointFinder {
     if (surface != nullptr) {
       point.position += random.Uniform(0.0, kRelief_m) * point.normal;
     }
-    SetRange(distance * kReferenceFocal_px /
-                 PixelsPerRadian(camera.model, camera.params.data()),
-             &random, &point);
+    SetRange(distance * kReferenceFocal_px / PixelsPerRadian(camera), &random,
+             &point);
     Add(point, surface, points);
   }
 
@@ -197,19 +196,12 @@ std::vector<WorldPoint> FindStreetPoints(
   const PointFinder finder(options, rig, world);
   std::vector<std::vector<WorldPoint>> found(viewpoints.size());
   ParallelFor(
-      viewpoints.size(), ResolveNumThreads(context.num_threads),
-      [&](size_t i) { finder.Find(viewpoints[i], num_rays, i, &found[i]); }, 16,
-      [&](size_t num_done) {
-        context.ReportProgress("simulation: world", num_done,
-                               viewpoints.size());
-      });
-  std::vector<WorldPoint> points;
-  for (const std::vector<WorldPoint>& some : found) {
-    for (const WorldPoint& point : some) {
-      points.push_back(point);
-      const int number = static_cast<int>(points.size()) - 1;
-      points.back().appearance = point.is_copy ? number - 1 : number;
-    }
+      viewpoints.size(), context, "simulation: world",
+      [&](size_t i) { finder.Find(viewpoints[i], num_rays, i, &found[i]); },
+      16);
+  std::vector<WorldPoint> points = Concatenated(found);
+  for (const int i : Indices(points.size())) {
+    points[i].appearance = points[i].is_copy ? i - 1 : i;
   }
   return points;
 }
@@ -308,13 +300,11 @@ World MakeWorld(const SimulationOptions& options,
     world.points = ScatterPoints(options, drive);
   } else {
     world.distances_scale = true;
-    std::vector<int> preferred_nodes;
-    for (const int cut : world.weak_cuts) {
-      preferred_nodes.push_back(
-          static_cast<int>(world.road.ArcAt(drive, drive.TimeOfFrame(cut))));
-    }
+    const auto node_of = [&](int cut) {
+      return static_cast<int>(world.road.ArcAt(drive, drive.TimeOfFrame(cut)));
+    };
     world.surfaces.emplace(world.road, num_duplicates, options.random_seed,
-                           preferred_nodes);
+                           Transformed(world.weak_cuts, node_of));
     const Eigen::Quaterniond& level_from_world = world.road.level_from_world();
     const Rigid3 world_from_level{level_from_world.conjugate(),
                                   Eigen::Vector3d::Zero()};

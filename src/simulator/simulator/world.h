@@ -69,8 +69,7 @@ struct World {
   std::vector<TexturedBox> boxes;
   std::vector<WorldPoint> points;
   std::vector<int> weak_cuts;  // the frames of the drive before them
-  std::vector<Rigid3>
-      copy_from_original;  // per duplicate structure, in the world frame
+  std::vector<Rigid3> copy_from_original;  // per duplicate, in the world frame
   PointIndex index;
   bool distances_scale = false;  // distances scale with the focal length
 

@@ -469,7 +469,6 @@ TEST(RigEquationsTest, TheLossFollowsTheFreedomOfPoints) {
 TEST(RigEquationsTest, EveryLossWeighsAsItsDerivativeDoes) {
   for (const auto type :
        {RobustLossType::kTrivial, RobustLossType::kHuber,
-        RobustLossType::kSoftL1, RobustLossType::kLHalf,
         RobustLossType::kCauchy, RobustLossType::kGemanMcClure}) {
     SCOPED_TRACE(static_cast<int>(type));
     RigScene<PixelObservation> scene =

@@ -8,7 +8,7 @@
 #include <cmath>
 #include <vector>
 
-#include "geometry/epipolar_linearization.h"
+#include "geometry/epipolar_terms.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {

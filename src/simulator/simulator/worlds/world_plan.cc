@@ -64,11 +64,9 @@ class Planner {
     }
     GoShaken(
         30.0,
-        [gaze = Follow(gaze)](double t) -> Attitude {
-          const double angle = 2.0 * kPi * t / 28.0;
-          return At(4.5 * std::cos(angle), 2.8 * std::sin(angle), kEyeHeight_m,
-                    RadToDeg(angle) + 60.0) +
-                 gaze(t);
+        [around = Around(28.0, 4.5, 2.8, kEyeHeight_m, 60.0),
+         gaze = Follow(gaze)](double t) -> Attitude {
+          return around(t) + gaze(t);
         },
         0.012, 1.2, 9.0);
   }
@@ -327,14 +325,8 @@ class Planner {
     density_ = 3.0;
     reach_m_ = 60.0;
     Buildings(12, 24, 30, 12);
-    GoShaken(
-        28.0,
-        [](double t) {
-          const double angle = 2.0 * kPi * t / 25.0;
-          return At(7.0 * std::cos(angle), 7.0 * std::sin(angle), kEyeHeight_m,
-                    RadToDeg(angle) + 100.0);
-        },
-        0.015, 0.8, 4.0);
+    GoShaken(28.0, Around(25.0, 7.0, 7.0, kEyeHeight_m, 100.0), 0.015, 0.8,
+             4.0);
     People(40, 14.0);
   }
 
@@ -343,14 +335,7 @@ class Planner {
     density_ = 3.0;
     reach_m_ = 40.0;
     Buildings(12, 16, 22, 9);
-    GoShaken(
-        28.0,
-        [](double t) {
-          const double angle = 2.0 * kPi * t / 26.0;
-          return At(7.0 * std::cos(angle), 5.0 * std::sin(angle), 2.6,
-                    RadToDeg(angle) + 90.0);
-        },
-        0.02, 1.5, 2.0);
+    GoShaken(28.0, Around(26.0, 7.0, 5.0, 2.6, 90.0), 0.02, 1.5, 2.0);
     Hull({{{0.0, 1.75, 0.15}, {0.5, 1.7, 0.35}}}, 0.25, 0.04, 3.0);
   }
 
@@ -464,6 +449,18 @@ class Planner {
   }
 
   // How rigs move.
+
+  // An ellipse with half axes along x and y.
+  static std::function<Attitude(double)> Around(double period_s, double x_m,
+                                                double y_m, double height_m,
+                                                double turn_deg) {
+    return [=](double t) {
+      const double angle = 2.0 * kPi * t / period_s;
+      return At(x_m * std::cos(angle), y_m * std::sin(angle), height_m,
+                RadToDeg(angle) + turn_deg);
+    };
+  }
+
   void Go(double duration_s, std::function<Attitude(double)> path) {
     plan_.sessions_s = {{0.0, duration_s}};
     plan_.world_from_rigs.push_back(
