@@ -15,6 +15,7 @@
 
 #include "base/nanoseconds.h"
 #include "base/natural_order.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "files/file_operations.h"
@@ -183,66 +184,40 @@ namespace {
   throw Error("'" + path.string() + "' " + problem);
 }
 
-class TimestampReader {
- public:
-  TimestampReader(const std::filesystem::path& path, UnknownImages others,
-                  const std::vector<std::string>& names)
-      : lines_(path, "'" + path.string() + "' (image_timestamps_path)"),
-        others_(others),
-        times_s_(names.size()) {
-    for (size_t i = 0; i < names.size(); ++i) {
-      idx_of_name_[names[i]] = static_cast<int>(i);
+// The time of each image that the file names.
+std::vector<std::optional<double>> ReadTimes(
+    const std::filesystem::path& path, const std::vector<std::string>& names,
+    UnknownImages others) {
+  TextLines lines(path, "'" + path.string() + "' (image_timestamps_path)");
+  std::map<std::string, size_t> idx_of_name;
+  for (size_t i = 0; i < names.size(); ++i) idx_of_name[names[i]] = i;
+  std::vector<std::optional<double>> times_s(names.size());
+  while (lines.NextContent()) {
+    // Names may have blanks: the last word is the time.
+    const auto line = SplitNamedWords(lines.line(), 1);
+    if (!line) lines.Throw("expected 'image_name SECONDS'");
+    const std::string_view word = line->words.front();
+    const std::string text =
+        "has '" + Printable(word) + "' as the time of '" + line->name + "'";
+    const std::optional<double> time_s = ParseDouble(word);
+    if (!time_s) lines.Throw(text + "; give a finite number of seconds");
+    if (const auto problem = WhyNoTime(*time_s)) {
+      lines.Throw(text + ", which " + *problem);
     }
+    const auto found = idx_of_name.find(line->name);
+    if (found == idx_of_name.end()) {
+      if (others == UnknownImages::kIgnore) continue;
+      lines.Throw("names the image '" + line->name +
+                  "', which the database does not have; delete the line, or "
+                  "correct the name");
+    }
+    std::optional<double>& known_s = times_s[found->second];
+    if (known_s) {
+      lines.Throw("names '" + line->name + "' again; delete one of the lines");
+    }
+    known_s = time_s;
   }
-
-  // Per image.
-  std::vector<std::optional<double>> Read() {
-    while (lines_.NextContent()) TakeLine();
-    return times_s_;
-  }
-
- private:
-  void TakeLine();
-  double TimeOf(const NamedWords& line) const;
-
-  TextLines lines_;
-  const UnknownImages others_;
-  std::vector<std::optional<double>> times_s_;
-  std::map<std::string, int> idx_of_name_;
-};
-
-double TimestampReader::TimeOf(const NamedWords& line) const {
-  const std::string_view word = line.words.front();
-  const std::optional<double> time_s = ParseDouble(word);
-  if (!time_s) {
-    lines_.Throw("has '" + Printable(word) + "' as the time of '" + line.name +
-                 "'; give a finite number of seconds");
-  }
-  if (const auto problem = WhyNoTime(*time_s)) {
-    lines_.Throw("has '" + Printable(word) + "' as the time of '" + line.name +
-                 "', which " + *problem);
-  }
-  return *time_s;
-}
-
-// Names may have blanks: the last word is the time.
-void TimestampReader::TakeLine() {
-  const auto line = SplitNamedWords(lines_.line(), 1);
-  if (!line) lines_.Throw("expected 'image_name SECONDS'");
-  const double time_s = TimeOf(*line);
-  const auto found = idx_of_name_.find(line->name);
-  if (found == idx_of_name_.end()) {
-    if (others_ == UnknownImages::kIgnore) return;
-    lines_.Throw(
-        "names the image '" + line->name +
-        "', which the database does not have; delete the line, or correct the "
-        "name");
-  }
-  std::optional<double>& known_s = times_s_[found->second];
-  if (known_s) {
-    lines_.Throw("names '" + line->name + "' again; delete one of the lines");
-  }
-  known_s = time_s;
+  return times_s;
 }
 
 void CheckOrder(const std::filesystem::path& path, const Scene& scene,
@@ -273,15 +248,20 @@ void CheckOrder(const std::filesystem::path& path, const Scene& scene,
   }
 }
 
+// The times of the first and the last image of a frame.
+std::pair<double, double> TimesOf(const Scene& scene, const Frame& frame) {
+  const auto [first, last] = std::minmax_element(
+      frame.image_idxs.begin(), frame.image_idxs.end(), [&](int a, int b) {
+        return *scene.images[a].timestamp_s < *scene.images[b].timestamp_s;
+      });
+  return {*scene.images[*first].timestamp_s, *scene.images[*last].timestamp_s};
+}
+
 // The median time between frames; nullopt if there is one frame only.
 std::optional<double> FrameInterval(const Scene& scene) {
   std::vector<double> times_s, intervals_s;
   for (const Frame& frame : scene.frames) {
-    double first_s = std::numeric_limits<double>::infinity();
-    for (const int image_idx : frame.image_idxs) {
-      first_s = std::min(first_s, *scene.images[image_idx].timestamp_s);
-    }
-    times_s.push_back(first_s);
+    times_s.push_back(TimesOf(scene, frame).first);
   }
   std::sort(times_s.begin(), times_s.end());
   for (size_t i = 1; i < times_s.size(); ++i) {
@@ -296,11 +276,7 @@ void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
   std::vector<double> spreads_s;
   int widest_idx = -1;
   for (size_t f = 0; f < scene.frames.size(); ++f) {
-    double first_s = std::numeric_limits<double>::infinity(), last_s = -first_s;
-    for (const int image_idx : scene.frames[f].image_idxs) {
-      first_s = std::min(first_s, *scene.images[image_idx].timestamp_s);
-      last_s = std::max(last_s, *scene.images[image_idx].timestamp_s);
-    }
+    const auto [first_s, last_s] = TimesOf(scene, scene.frames[f]);
     if (widest_idx < 0 || last_s - first_s > spreads_s[widest_idx]) {
       widest_idx = static_cast<int>(f);
     }
@@ -327,7 +303,7 @@ std::vector<double> ReadImageTimes(const std::filesystem::path& path,
                                    const std::vector<std::string>& names,
                                    UnknownImages others) {
   std::vector<double> times_s;
-  for (const auto& time_s : TimestampReader(path, others, names).Read()) {
+  for (const auto& time_s : ReadTimes(path, names, others)) {
     if (!time_s) {
       Throw(path, "has no time for image '" + names[times_s.size()] +
                       "'; add a line 'image_name SECONDS'");
@@ -339,7 +315,7 @@ std::vector<double> ReadImageTimes(const std::filesystem::path& path,
 
 void CheckImageTimes(const std::filesystem::path& path,
                      const std::vector<std::string>& names) {
-  (void)TimestampReader(path, UnknownImages::kReject, names).Read();
+  (void)ReadTimes(path, names, UnknownImages::kReject);
 }
 
 std::optional<std::string> WhyTimesAreNotSeconds(
@@ -361,9 +337,8 @@ std::optional<std::string> WhyTimesAreNotSeconds(
 
 void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,
                          UnknownImages others) {
-  std::vector<std::string> names;
-  for (const Image& image : scene->images) names.push_back(image.name);
-  const std::vector<double> times_s = ReadImageTimes(path, names, others);
+  const std::vector<double> times_s =
+      ReadImageTimes(path, Transformed(scene->images, &Image::name), others);
   for (size_t i = 0; i < times_s.size(); ++i) {
     scene->images[i].timestamp_s = times_s[i];
   }

@@ -247,16 +247,9 @@ std::string WithUniqueNames(const std::string& rule) {
   return unique;
 }
 
-// RE2 writes no messages to the standard error stream.
-RE2::Options QuietOptions() {
-  RE2::Options options;
-  options.set_log_errors(false);
-  return options;
-}
-
 // RE2 takes linear time in the length of a name, whatever the rule.
 NameRule::NameRule(const std::string& rule)
-    : regex(WithUniqueNames(rule), QuietOptions()) {
+    : regex(WithUniqueNames(rule), RE2::Quiet) {
   if (!regex.ok()) {
     ThrowRuleError(rule,
                    "is not a regular expression of RE2: " + regex.error());

@@ -34,39 +34,26 @@ std::string CommonFolder(const RigInput& input,
   return Joined(common, "/");
 }
 
-// Numbers the distinct strings in order of appearance.
-class Numbering {
- public:
-  int operator()(const std::string& key) {
-    return numbers_.emplace(key, static_cast<int>(numbers_.size()))
-        .first->second;
-  }
-  size_t size() const { return numbers_.size(); }
-
- private:
-  std::map<std::string, int> numbers_;
-};
-
 }  // namespace
 
 bool IsCalledLikeCamera(std::string name) {
   name = ToLower(name);
-  constexpr const char* kWords[] = {"cam",  "image", "left", "right",
-                                    "lens", "front", "rear", "back"};
-  return std::any_of(
-      std::begin(kWords), std::end(kWords),
-      [&](const char* word) { return name.find(word) != std::string::npos; });
+  static constexpr auto kWords = {"cam",  "image", "left", "right",
+                                  "lens", "front", "rear", "back"};
+  return AnyOf(kWords, [&](const char* word) {
+    return name.find(word) != std::string::npos;
+  });
 }
 
 std::vector<std::string> SplitPath(const std::string& name) {
-  std::vector<std::string> components;
-  size_t begin = 0;
-  for (size_t end = name.find('/'); end != std::string::npos;
-       end = name.find('/', begin)) {
-    components.push_back(name.substr(begin, end - begin));
-    begin = end + 1;
+  std::vector<std::string> components(1);
+  for (const char c : name) {
+    if (c == '/') {
+      components.emplace_back();
+    } else {
+      components.back() += c;
+    }
   }
-  components.push_back(name.substr(begin));
   return components;
 }
 
@@ -136,10 +123,8 @@ void AssignSingleImages(const RigInput& input, const std::vector<int>& images,
 RigAssignment AssignByKeys(const RigInput& input,
                            const std::vector<ImageKeys>& keys) {
   const size_t num_images = keys.size();
-  Numbering sensor_numbers;
-  Numbering frame_numbers;
-  std::vector<int> sensors(num_images);
-  std::vector<int> frames(num_images);
+  Numbering<> sensor_numbers, frame_numbers;
+  std::vector<int> sensors(num_images), frames(num_images);
   for (size_t i = 0; i < num_images; ++i) {
     sensors[i] = sensor_numbers(keys[i].sensor);
     frames[i] = frame_numbers(keys[i].frame);
@@ -158,9 +143,7 @@ RigAssignment AssignByKeys(const RigInput& input,
   RigAssignment assignment;
   assignment.sensor_of_image.resize(num_images);
   assignment.frame_of_image.resize(num_images);
-  Numbering rigs;
-  Numbering rig_sensors;
-  Numbering rig_frames;
+  Numbering<> rigs, rig_sensors, rig_frames;
   std::vector<int> single_images;
   for (size_t i = 0; i < num_images; ++i) {
     if (shares_frames[sensors[i]] == 0) {
