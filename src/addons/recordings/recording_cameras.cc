@@ -287,11 +287,7 @@ void SetIntrinsics(const RecordedCamera& camera, const std::string& topic,
 // From the camera of the images to its frame: rectification turns images.
 std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera) {
   if (!camera.is_rectified || !camera.info) return Rigid3();
-  RigidMatrix matrix = RigidMatrix::Zero();
-  matrix.leftCols<3>() =
-      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
-          camera.info->R.data());
-  return RigidFromMatrix(matrix);
+  return RigidFromRotation(camera.info->R.data());
 }
 
 // nullopt if it is unknown.

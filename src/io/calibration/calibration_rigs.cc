@@ -103,9 +103,7 @@ class CameraMatcher {
     for (const auto& [text, prefix] : prefixes_) {
       if (text.back() == '/') names.insert("'" + text + "'");
     }
-    std::string joined;
-    for (const std::string& name : names) joined += " " + name;
-    return joined.empty() ? " none" : joined;
+    return " " + (names.empty() ? "none" : Joined(names, " "));
   }
 
  private:

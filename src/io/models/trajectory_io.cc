@@ -102,12 +102,7 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
     std::vector<double> n;
     for (const std::string& field : SplitFields(lines.line(), ',')) {
       if (field.empty() && n.size() >= kNumFields) continue;  // at the end
-      const std::optional<double> number = ParseDouble(field);
-      if (!number) {
-        lines.Throw("has '" + Printable(field) +
-                    "' where a finite number should be; correct it");
-      }
-      n.push_back(*number);
+      n.push_back(lines.Number(field));
     }
     std::optional<Rigid3> pose;
     if (n.size() >= kNumFields) {

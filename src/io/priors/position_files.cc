@@ -17,26 +17,6 @@
 #include "scene/item_lists.h"
 
 namespace mgsfm {
-namespace {
-
-// Returns the name, which may have blanks, and sets the three numbers after it.
-std::string SplitLine(const TextLines& lines, const std::string& columns,
-                      Eigen::Vector3d* value) {
-  const auto split = SplitNamedWords(lines.line(), 3);
-  if (!split) lines.Throw("expected 'image_name " + columns + "'");
-  for (int k = 0; k < 3; ++k) {
-    const std::string_view word = split->words[static_cast<size_t>(k)];
-    const std::optional<double> number = ParseDouble(word);
-    if (!number) {
-      lines.Throw("has '" + Printable(word) +
-                  "' where a finite number should be; correct it");
-    }
-    (*value)[k] = *number;
-  }
-  return split->name;
-}
-
-}  // namespace
 
 std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
                                           const std::string& path,
@@ -48,9 +28,12 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
   std::vector<NamedVector> vectors;
   Mask is_named(scene.images.size(), false);
   while (lines.NextContent()) {
+    const auto split = SplitNamedWords(lines.line(), 3);
+    if (!split) lines.Throw("expected 'image_name " + columns + "'");
+    const std::string& name = split->name;
     NamedVector vector;
     vector.line_number = lines.number();
-    const std::string name = SplitLine(lines, columns, &vector.value);
+    for (int k = 0; k < 3; ++k) vector.value[k] = lines.Number(split->words[k]);
     const auto found = idx_of_name.find(name);
     if (found == idx_of_name.end()) {
       if (others == UnknownImages::kIgnore) continue;
@@ -165,14 +148,14 @@ TimedVector Interpolate(const Between<TimedVector>& place) {
 // Calls `use` with each frame, its main image and its place in the samples.
 template <class Sample, class Use>
 void ForEachFrame(const Scene& scene, const std::string& path,
-                  const std::vector<Sample>& samples, const PriorClock& clock,
+                  const std::vector<Sample>& samples, double clock_offset_s,
                   const Use& use) {
   const double max_gap_s = MaxGapSeconds(samples);
   bool has_any = false;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const int image_idx = MainImage(scene, scene.frames[i]);
     const double time_s =
-        TimeOf(scene.images[image_idx], path) + clock.offset_s;
+        TimeOf(scene.images[image_idx], path) + clock_offset_s;
     const auto place = FindBetween(samples, max_gap_s, time_s);
     if (!place) continue;
     has_any = true;
@@ -190,10 +173,9 @@ void ForEachFrame(const Scene& scene, const std::string& path,
 }
 
 Poses PosesByTime(const Scene& scene, const std::string& path,
-                  const std::vector<TimedPose>& poses,
-                  const PriorClock& clock) {
+                  const std::vector<TimedPose>& poses, double clock_offset_s) {
   Poses of_frames;
-  ForEachFrame(scene, path, poses, clock,
+  ForEachFrame(scene, path, poses, clock_offset_s,
                [&](int frame_idx, int /*image_idx*/, const auto& place) {
                  of_frames.emplace_back(frame_idx, Interpolate(place));
                });
@@ -228,25 +210,20 @@ PositionFileFormat DetectPositionFormat(const std::string& path) {
 }
 
 Poses ReadTrajectoryPoses(const Scene& scene, const std::string& path,
-                          PositionFileFormat format, const PriorClock& clock) {
-  switch (format) {
-    case PositionFileFormat::kKitti:
-      return PosesByFrame(scene, path);
-    case PositionFileFormat::kTum:
-      return PosesByTime(scene, path, ReadTumPoses(path), clock);
-    case PositionFileFormat::kEuroc:
-      return PosesByTime(scene, path, ReadEurocPoses(path), clock);
-    default:
-      MGSFM_CHECK(false);
-      return {};
-  }
+                          PositionFileFormat format, double clock_offset_s) {
+  if (format == PositionFileFormat::kKitti) return PosesByFrame(scene, path);
+  const bool is_tum = format == PositionFileFormat::kTum;
+  MGSFM_CHECK(is_tum || format == PositionFileFormat::kEuroc);
+  return PosesByTime(scene, path,
+                     is_tum ? ReadTumPoses(path) : ReadEurocPoses(path),
+                     clock_offset_s);
 }
 
 std::vector<std::pair<int, TimedVector>> InterpolateVectors(
     const Scene& scene, const std::string& path,
-    const std::vector<TimedVector>& vectors, const PriorClock& clock) {
+    const std::vector<TimedVector>& vectors, double clock_offset_s) {
   std::vector<std::pair<int, TimedVector>> of_images;
-  ForEachFrame(scene, path, vectors, clock,
+  ForEachFrame(scene, path, vectors, clock_offset_s,
                [&](int /*frame_idx*/, int image_idx, const auto& place) {
                  of_images.emplace_back(image_idx, Interpolate(place));
                });
@@ -255,10 +232,10 @@ std::vector<std::pair<int, TimedVector>> InterpolateVectors(
 
 std::vector<std::pair<int, Eigen::Vector3d>> ReadTrajectoryPositions(
     const Scene& scene, const std::string& path, PositionFileFormat format,
-    const PriorClock& clock) {
+    double clock_offset_s) {
   std::vector<std::pair<int, Eigen::Vector3d>> positions;
   for (const auto& [frame_idx, pose] :
-       ReadTrajectoryPoses(scene, path, format, clock)) {
+       ReadTrajectoryPoses(scene, path, format, clock_offset_s)) {
     positions.emplace_back(MainImage(scene, scene.frames[frame_idx]),
                            pose.Center());
   }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <array>
 #include <map>
 #include <string_view>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
@@ -16,11 +18,12 @@ struct TimeUnit {
   const char* key;
   double seconds;
 };
-constexpr TimeUnit kTimeUnits[] = {
-    {"time", 1.0}, {"time_ms", 1e-3}, {"time_us", 1e-6}, {"time_ns", 1e-9}};
-constexpr const char* kCoordinates[] = {"x", "y", "z"};
-constexpr const char* kGeodetic[] = {"latitude", "longitude", "altitude"};
-constexpr const char* kDeviations[] = {"std_x", "std_y", "std_z"};
+constexpr std::array<TimeUnit, 4> kTimeUnits = {
+    {{"time", 1.0}, {"time_ms", 1e-3}, {"time_us", 1e-6}, {"time_ns", 1e-9}}};
+using ThreeKeys = std::array<const char*, 3>;
+constexpr ThreeKeys kCoordinates = {"x", "y", "z"};
+constexpr ThreeKeys kGeodetic = {"latitude", "longitude", "altitude"};
+constexpr ThreeKeys kDeviations = {"std_x", "std_y", "std_z"};
 
 // The columns of a CSV file by their keys.
 class CsvColumns {
@@ -54,13 +57,12 @@ class CsvColumns {
   }
 
   // All of the keys, or none.
-  template <size_t kSize>
-  std::vector<size_t> FindAll(const char* const (&keys)[kSize]) const {
+  std::vector<size_t> FindAll(const ThreeKeys& keys) const {
     std::vector<size_t> found;
     for (const char* key : keys) {
       if (const auto column = Find(key)) found.push_back(*column);
     }
-    if (!found.empty() && found.size() != kSize) {
+    if (!found.empty() && found.size() != keys.size()) {
       Throw("only some of '" + std::string(keys[0]) + "', '" + keys[1] +
             "' and '" + keys[2] + "' have a column");
     }
@@ -76,13 +78,10 @@ class CsvColumns {
 
  private:
   void CheckKey(const std::string& key) const {
-    const auto has = [&](const auto& keys) {
-      return std::find(std::begin(keys), std::end(keys), key) != std::end(keys);
-    };
-    const bool is_time =
-        std::any_of(std::begin(kTimeUnits), std::end(kTimeUnits),
-                    [&](const TimeUnit& unit) { return key == unit.key; });
-    if (is_time || has(kCoordinates) || has(kGeodetic) || has(kDeviations)) {
+    const bool is_time = AnyOf(
+        kTimeUnits, [&](const TimeUnit& unit) { return key == unit.key; });
+    if (is_time || Contains(kCoordinates, key) || Contains(kGeodetic, key) ||
+        Contains(kDeviations, key)) {
       return;
     }
     Throw("'" + key +
@@ -181,8 +180,8 @@ bool HasTimedVectors(const Scene& scene, const std::string& path) {
   const auto numbers = ParseNumbers(lines.line());
   if (!numbers || numbers->size() != 4) return false;
   const std::string_view first = SplitWords(lines.line()).front();
-  return std::none_of(scene.images.begin(), scene.images.end(),
-                      [&](const Image& image) { return image.name == first; });
+  return NoneOf(scene.images,
+                [&](const Image& image) { return image.name == first; });
 }
 
 std::vector<TimedVector> ReadTimedVectors(const std::string& path) {
