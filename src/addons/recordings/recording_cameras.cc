@@ -5,29 +5,27 @@
 #include <cctype>
 #include <set>
 
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "calibration/calibration.h"
 #include "calibration/lens_models.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 #include "recordings/image_messages.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {
 
-std::vector<std::string> TopicParts(const std::string& topic) {
-  std::vector<std::string> parts(1);
-  for (const char c : topic) {
-    if (c == '/') {
-      parts.emplace_back();
-    } else {
-      // Folders have letters, digits, '_' and '-' only.
-      const bool is_kept =
-          std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '-';
-      parts.back() += is_kept ? c : '_';
-    }
+// Folders have letters, digits, '_' and '-' only.
+std::vector<std::string> TopicParts(std::string topic) {
+  for (char& c : topic) {
+    const bool is_kept = std::isalnum(static_cast<unsigned char>(c)) != 0 ||
+                         c == '-' || c == '/';
+    if (!is_kept) c = '_';
   }
-  parts.erase(std::remove(parts.begin(), parts.end(), ""), parts.end());
+  std::vector<std::string> parts = SplitPath(topic);
+  EraseIf(&parts, [](const std::string& part) { return part.empty(); });
   return parts;
 }
 
@@ -54,12 +52,9 @@ std::string NamespaceOf(const std::string& topic) {
 
 std::string FolderOfParts(const std::vector<std::string>& parts,
                           size_t num_last) {
-  std::string folder;
-  for (size_t i = parts.size() - std::min(num_last, parts.size());
-       i < parts.size(); ++i) {
-    folder += (folder.empty() ? "" : "_") + parts[i];
-  }
-  return folder.empty() ? "camera" : folder;
+  if (parts.empty()) return "camera";
+  const size_t begin = parts.size() - std::min(num_last, parts.size());
+  return Joined(std::vector(parts.begin() + begin, parts.end()), "_");
 }
 
 // The shortest distinct ends of the namespaces, or else of the topics.
@@ -150,7 +145,7 @@ std::vector<int> TopicsOfList(const Recording& recording,
                   found->encoding + "'; convert it to cdr or ros1");
     }
     const auto idx = static_cast<int>(found - topics.begin());
-    if (std::count(chosen.begin(), chosen.end(), idx) > 0) {
+    if (Contains(chosen, idx)) {
       throw Error(subject + " is listed twice; list it once");
     }
     chosen.push_back(idx);
