@@ -242,8 +242,7 @@ void ReadKeypoints(const Source& source, ImageTable* images) {
     if (position == images->positions.end()) continue;
     ImageRow& image = images->rows[position->second];
     const KeypointBlob blob =
-        DecodeKeypoints(row, source.database.path(),
-                        "the keypoints of image '" + image.name + "'");
+        DecodeKeypoints(row, "the keypoints of image '" + image.name + "'");
     image.keypoints_px.resize(blob.rows);
     for (size_t i = 0; i < blob.rows; ++i) {
       // x and y come first in all layouts.
@@ -303,7 +302,7 @@ std::optional<TwoViewGeometryRow> DecodePair(const Source& source,
     return std::nullopt;
   }
   TwoViewGeometryRow pair{image1->id, image2->id};
-  DecodeTwoViewGeometry(row, source.database.path(), name, &pair);
+  DecodeTwoViewGeometry(row, name, &pair);
   return pair;
 }
 
@@ -341,9 +340,8 @@ void ReadOutliers(const Source& source, const ImageTable& images,
     while (pair != pairs->end() && ids() < std::pair(id1, id2)) ++pair;
     if (pair == pairs->end()) break;
     if (ids() != std::pair(id1, id2) || pair->matches.empty()) continue;
-    pair->outliers = OutliersOf(
-        DecodeMatches(row, source.database.path(), PairName(images, id1, id2)),
-        pair->matches);
+    pair->outliers = OutliersOf(DecodeMatches(row, PairName(images, id1, id2)),
+                                pair->matches);
   }
 }
 

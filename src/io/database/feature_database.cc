@@ -395,8 +395,8 @@ std::vector<FeatureKeypoint> FeatureDatabase::ReadKeypoints(
       "SELECT image_id, rows, cols, data FROM keypoints WHERE image_id = ?1",
       image_id);
   if (!row.Step()) return {};
-  return MakeFeatureKeypoints(DecodeKeypoints(
-      row, path(), "the keypoints of " + impl_->ImageName(image_id)));
+  return MakeFeatureKeypoints(
+      DecodeKeypoints(row, "the keypoints of " + impl_->ImageName(image_id)));
 }
 
 DescriptorMatrix FeatureDatabase::ReadDescriptors(ImageId image_id) const {
@@ -404,7 +404,7 @@ DescriptorMatrix FeatureDatabase::ReadDescriptors(ImageId image_id) const {
       "SELECT image_id, rows, cols, data FROM descriptors WHERE image_id = ?1",
       image_id);
   if (!row.Step()) return DescriptorMatrix(0, kSiftColumns);
-  return DecodeDescriptors(row, path(), impl_->ImageName(image_id));
+  return DecodeDescriptors(row, impl_->ImageName(image_id));
 }
 
 std::vector<Match> FeatureDatabase::ReadMatches(ImageId image_id1,
@@ -413,9 +413,7 @@ std::vector<Match> FeatureDatabase::ReadMatches(ImageId image_id1,
       "SELECT pair_id, rows, cols, data FROM matches WHERE pair_id = ?1",
       PairIdOf(image_id1, image_id2));
   if (!row.Step()) return {};
-  return InOrder(DecodeMatches(row, path(),
-                               impl_->ImageName(image_id1) + " and " +
-                                   impl_->ImageName(image_id2)),
+  return InOrder(DecodeMatches(row, impl_->PairName(image_id1, image_id2)),
                  image_id1, image_id2);
 }
 
@@ -428,8 +426,7 @@ std::optional<TwoViewGeometryRow> FeatureDatabase::ReadTwoViewGeometry(
   if (!row.Step()) return std::nullopt;
   TwoViewGeometryRow pair{std::min(image_id1, image_id2),
                           std::max(image_id1, image_id2)};
-  DecodeTwoViewGeometry(row, path(), impl_->PairName(image_id1, image_id2),
-                        &pair);
+  DecodeTwoViewGeometry(row, impl_->PairName(image_id1, image_id2), &pair);
   if (image_id2 < image_id1) SwapImages(&pair);
   return pair;
 }

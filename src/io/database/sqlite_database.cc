@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/nanoseconds.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -122,14 +123,6 @@ int SqliteStatement::CountBytes(int column) const {
   if (static_cast<uint64_t>(size) > num_bytes_left_) Check(SQLITE_INTERRUPT);
   num_bytes_left_ -= static_cast<uint64_t>(size);
   return size;
-}
-
-void SqliteStatement::BindInt(int parameter, int64_t value) {
-  Check(sqlite3_bind_int64(statement_.get(), parameter, value));
-}
-
-void SqliteStatement::BindDouble(int parameter, double value) {
-  Check(sqlite3_bind_double(statement_.get(), parameter, value));
 }
 
 void SqliteStatement::BindText(int parameter, const std::string& value) {
@@ -366,28 +359,23 @@ TemporaryFolder::~TemporaryFolder() {
   fs::remove_all(path_, ignored);
 }
 
-bool SqliteSnapshot::FileState::operator==(const FileState& other) const {
-  return size == other.size && seconds == other.seconds &&
-         nanoseconds == other.nanoseconds;
-}
-
 SqliteSnapshot::FileState SqliteSnapshot::StateOf(const std::string& file) {
   struct stat status;
-  if (stat(file.c_str(), &status) != 0) return {};
+  if (stat(file.c_str(), &status) != 0) return {-1, 0};
 #ifdef __APPLE__
   const timespec& changed = status.st_mtimespec;
 #else
   const timespec& changed = status.st_mtim;
 #endif
-  return {status.st_size, changed.tv_sec, changed.tv_nsec};
+  return {status.st_size, changed.tv_sec * kNsPerSecond + changed.tv_nsec};
 }
 
 std::vector<SqliteSnapshot::FileState> SqliteSnapshot::States() const {
   std::vector<FileState> states = {StateOf(path_)};
   for (const char* suffix : kSideFileSuffixes) {
-    FileState state = StateOf(path_ + suffix);
+    const FileState state = StateOf(path_ + suffix);
     // An empty side file counts as absent.
-    states.push_back(state.size > 0 ? state : FileState());
+    states.push_back(state.first > 0 ? state : FileState(-1, 0));
   }
   return states;
 }
@@ -399,7 +387,7 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
   states_ = States();
   std::vector<std::string> side_files;
   for (const char* suffix : kSideFileSuffixes) {
-    if (StateOf(path_ + suffix).size > 0) side_files.emplace_back(suffix);
+    if (StateOf(path_ + suffix).first > 0) side_files.emplace_back(suffix);
   }
   if (side_files.empty()) {
     CheckIsComplete(path_);
@@ -408,8 +396,8 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
     OpenCopy(side_files);
   }
   int64_t num_bytes = 0;
-  for (const FileState& state : states_) {
-    num_bytes += std::max<int64_t>(0, state.size);
+  for (const auto& [size, time_ns] : states_) {
+    num_bytes += std::max<int64_t>(0, size);
   }
   database_->LimitWork(static_cast<uint64_t>(num_bytes));
 }
@@ -438,8 +426,7 @@ void SqliteSnapshot::OpenCopy(const std::vector<std::string>& side_files) {
 }
 
 void SqliteSnapshot::CheckUnchanged() const {
-  const std::vector<FileState> states = States();
-  if (states.size() != states_.size() || !(states == states_)) ThrowChanged();
+  if (States() != states_) ThrowChanged();
 }
 
 void SqliteSnapshot::ThrowChanged() const {
