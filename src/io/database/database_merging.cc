@@ -50,8 +50,7 @@ bool AreEqual(const std::vector<Match>& a, const std::vector<Match>& b) {
 
 bool AreEqual(const TwoViewGeometryRow& a, const TwoViewGeometryRow& b) {
   return a.config == b.config && a.F == b.F && a.E == b.E && a.H == b.H &&
-         ArePosesEqual(a.cam2_from_cam1, b.cam2_from_cam1) &&
-         AreEqual(a.matches, b.matches);
+         a.cam2_from_cam1 == b.cam2_from_cam1 && AreEqual(a.matches, b.matches);
 }
 
 bool AreEqual(const PosePriorRow& a, const PosePriorRow& b) {

@@ -154,12 +154,7 @@ Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
         name + " has the unknown camera model " + std::to_string(model_id) +
         "; extract the features again with one of COLMAP's camera models");
   }
-  Camera camera{CheckedId<CameraId>(source, row.Int(0), "a camera"),
-                model->id,
-                0,
-                0,
-                {},
-                false};
+  const auto id = CheckedId<CameraId>(source, row.Int(0), "a camera");
   const int64_t width = row.Int(2);
   const int64_t height = row.Int(3);
   constexpr int64_t kMaxSize = std::numeric_limits<int>::max();
@@ -167,8 +162,9 @@ Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
     source.Throw(name + " has the image size " + SizeText(width, height) +
                  kExtractAgain);
   }
-  camera.width_px = static_cast<int>(width);
-  camera.height_px = static_cast<int>(height);
+  Camera camera{
+      id, model->id,      static_cast<int>(width), static_cast<int>(height),
+      {}, row.Int(5) != 0};
   const BlobView params = row.Blob(4);
   const auto num_params = static_cast<size_t>(model->num_params);
   if (params.size != num_params * sizeof(double)) {
@@ -182,7 +178,6 @@ Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
   if (const auto problem = WhyImplausible(camera)) {
     source.Throw(name + ' ' + *problem + kExtractAgain);
   }
-  camera.has_prior_focal_length = row.Int(5) != 0;
   return camera;
 }
 

@@ -32,10 +32,6 @@ struct MergedStructure {
   bool has_common_images = false;
 };
 
-// Whether two poses are the same to the last bit, or both absent.
-bool ArePosesEqual(const std::optional<Rigid3>& a,
-                   const std::optional<Rigid3>& b);
-
 // Whether two lists have the same values of `key`.
 template <class T, class Key>
 bool AreEqualBy(const std::vector<T>& a, const std::vector<T>& b,

@@ -36,11 +36,7 @@ std::vector<TimedPose> InOrder(std::vector<TimedPose> poses,
   StableSortBy(&poses, &TimedPose::timestamp_s);
   const auto is_repeated = [&path](const TimedPose& a, const TimedPose& b) {
     if (a.timestamp_s != b.timestamp_s) return false;
-    const bool is_equal =
-        a.cam_from_world.translation == b.cam_from_world.translation &&
-        a.cam_from_world.rotation.coeffs() ==
-            b.cam_from_world.rotation.coeffs();
-    if (is_equal) return true;
+    if (a.cam_from_world == b.cam_from_world) return true;
     throw Error("'" + path.string() + "' has two different poses at the time " +
                 FormatDouble(a.timestamp_s, std::chars_format::fixed, 9) +
                 "; remove one of them");
