@@ -249,21 +249,36 @@ void ThrowModelError(const std::filesystem::path& folder,
   throw Error("model '" + folder.string() + "': " + problem);
 }
 
-void RigPoses::EstimateSensors(
-    std::vector<std::optional<Rigid3>>* poses) const {
+std::vector<Point3D> PointsOf(const Model& model,
+                              const std::vector<int>& image_idxs) {
+  const auto image_of_id = IndexById(model.poses.images);
+  std::vector<Point3D> points;
+  points.reserve(model.points.size());
+  for (const ModelPoint& from : model.points) {
+    Point3D point{from.point_in_world, from.color, from.error_px, {}};
+    for (const ModelObservation& o : from.track) {
+      point.track.push_back({image_idxs[image_of_id.at(o.image_id)],
+                             static_cast<int>(o.keypoint_idx)});
+    }
+    std::sort(point.track.begin(), point.track.end());
+    points.push_back(std::move(point));
+  }
+  return points;
+}
+
+void RigPoses::EstimateSensors(OptionalPoses* poses) const {
   FillMissing(poses);
   CheckAllAreKnown(*poses);
 }
 
 void RigPoses::CheckKnownSensors() const {
-  std::vector<std::optional<Rigid3>> poses(scene_.sensors.size());
+  OptionalPoses poses(scene_.sensors.size());
   for (const Rig& rig : scene_.rigs) poses[rig.ref_sensor_idx] = Rigid3();
   FillMissing(&poses);
   CheckKnownSensors(poses);
 }
 
-void RigPoses::CheckKnownSensors(
-    const std::vector<std::optional<Rigid3>>& poses) const {
+void RigPoses::CheckKnownSensors(const OptionalPoses& poses) const {
   std::vector<double> size(scene_.rigs.size(), 0.0);
   for (const Sensor& sensor : scene_.sensors) {
     if (!sensor.sensor_from_rig) continue;
@@ -294,7 +309,7 @@ void RigPoses::CheckKnownSensors(
   }
 }
 
-void RigPoses::FillMissing(std::vector<std::optional<Rigid3>>* poses) const {
+void RigPoses::FillMissing(OptionalPoses* poses) const {
   for (size_t num_left = scene_.sensors.size(); num_left > 0; --num_left) {
     for (size_t i = 0; i < scene_.sensors.size(); ++i) {
       if ((*poses)[i]) continue;
@@ -307,8 +322,7 @@ void RigPoses::FillMissing(std::vector<std::optional<Rigid3>>* poses) const {
   }
 }
 
-void RigPoses::CheckAllAreKnown(
-    const std::vector<std::optional<Rigid3>>& poses) const {
+void RigPoses::CheckAllAreKnown(const OptionalPoses& poses) const {
   for (size_t i = 0; i < scene_.images.size(); ++i) {
     const int sensor_idx = scene_.images[i].sensor_idx;
     if (!cam_from_world_[i] || poses[sensor_idx]) continue;
@@ -320,8 +334,8 @@ void RigPoses::CheckAllAreKnown(
   }
 }
 
-std::vector<Rigid3> RigPoses::Candidates(
-    int sensor_idx, const std::vector<std::optional<Rigid3>>& poses) const {
+std::vector<Rigid3> RigPoses::Candidates(int sensor_idx,
+                                         const OptionalPoses& poses) const {
   std::vector<Rigid3> candidates;
   for (const Frame& frame : scene_.frames) {
     std::optional<Rigid3> pose;
@@ -359,9 +373,9 @@ void RigPoses::CheckMovesLikeRig(int sensor_idx,
                    "single with rig_name_rule none");
 }
 
-std::vector<std::optional<Rigid3>> RigPoses::PlaceFrames(
-    const std::vector<std::optional<Rigid3>>& sensor_from_rig) const {
-  std::vector<std::optional<Rigid3>> rig_from_world;
+OptionalPoses RigPoses::PlaceFrames(
+    const OptionalPoses& sensor_from_rig) const {
+  OptionalPoses rig_from_world;
   for (const Frame& frame : scene_.frames) {
     std::optional<int> best;
     for (const int image_idx : frame.image_idxs) {
