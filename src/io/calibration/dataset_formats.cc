@@ -13,7 +13,7 @@
 #include "base/text_lines.h"
 #include "calibration/calibration.h"
 #include "calibration/lens_models.h"
-#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 #include "scene/value_check.h"

@@ -6,7 +6,7 @@
 #include <set>
 
 #include "base/text.h"
-#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 
