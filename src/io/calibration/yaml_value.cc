@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "calibration/yaml_value.h"
 
-#include <Eigen/Core>
 #include <cmath>
 #include <set>
 

@@ -135,14 +135,22 @@ bool AllFinite(const double* values, size_t size) {
                      [](double value) { return std::isfinite(value); });
 }
 
-// `name` is plural, as in "the keypoints of image 'a.jpg'".
-[[noreturn]] void ThrowDamagedTable(const SqliteStatement& row,
-                                    const std::string& name,
-                                    const char* remedy) {
+// The number of rows in the blob of a row with rows, cols and data in columns 1
+// to 3; `row_size` is 0 for unknown columns. Throws Error for a blob of another
+// size; `problem` is as in "the keypoints of image 'a.jpg' are damaged".
+size_t NumRows(const SqliteStatement& row, const BlobView& blob,
+               size_t row_size, const std::string& problem,
+               const char* remedy) {
+  const int64_t rows = row.Int(1);
+  const bool is_complete = row_size > 0 && rows >= 0 &&
+                           blob.size % row_size == 0 &&
+                           blob.size / row_size == static_cast<size_t>(rows);
+  if (is_complete || (rows == 0 && blob.size == 0)) {
+    return static_cast<size_t>(rows);
+  }
   ThrowDatabaseError(
-      row.path(), name + " are damaged: " + std::to_string(row.Blob(3).size) +
-                      " bytes for " + SizeText(row.Int(1), row.Int(2)) +
-                      " values" + remedy);
+      row.path(), problem + ": " + std::to_string(blob.size) + " bytes for " +
+                      SizeText(rows, row.Int(2)) + " values" + remedy);
 }
 
 std::optional<Eigen::Matrix3d> DecodeMatrix(const SqliteStatement& row,
@@ -239,30 +247,23 @@ std::vector<PosePriorRow> ReadPosePriorRows(const SqliteDatabase& database) {
 KeypointBlob DecodeKeypoints(const SqliteStatement& row,
                              const std::string& name) {
   const BlobView blob = row.Blob(3);
-  const int64_t rows = row.Int(1);
   const int64_t cols = row.Int(2);
-  if (rows == 0 && blob.size == 0) return {};
   const bool cols_are_known = cols == 2 || cols == 4 || cols == 6;
-  const size_t row_size = static_cast<size_t>(cols) * sizeof(float);
-  if (!cols_are_known || rows < 0 || blob.size % row_size != 0 ||
-      blob.size / row_size != static_cast<size_t>(rows)) {
-    ThrowDamagedTable(row, name, kExtractAgain);
-  }
-  return {blob.data, static_cast<size_t>(rows), static_cast<size_t>(cols)};
+  const auto num_cols = static_cast<size_t>(cols_are_known ? cols : 0);
+  return {blob.data,
+          NumRows(row, blob, num_cols * sizeof(float), name + " are damaged",
+                  kExtractAgain),
+          num_cols};
 }
 
 std::vector<Match> DecodeMatches(const SqliteStatement& row,
                                  const std::string& name) {
   static_assert(sizeof(Match) == 2 * sizeof(uint32_t), "as in the database");
   const BlobView blob = row.Blob(3);
-  const int64_t rows = row.Int(1);
-  if (rows == 0 && blob.size == 0) return {};
-  if (row.Int(2) != 2 || rows < 0 || blob.size % sizeof(Match) != 0 ||
-      blob.size / sizeof(Match) != static_cast<size_t>(rows)) {
-    ThrowDamagedTable(row, "the matches of " + name, kMatchAgain);
-  }
-  std::vector<Match> matches(static_cast<size_t>(rows));
-  std::memcpy(matches.data(), blob.data, blob.size);
+  std::vector<Match> matches(
+      NumRows(row, blob, row.Int(2) == 2 ? sizeof(Match) : 0,
+              "the matches of " + name + " are damaged", kMatchAgain));
+  if (!matches.empty()) std::memcpy(matches.data(), blob.data, blob.size);
   return matches;
 }
 
@@ -400,18 +401,12 @@ std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob) {
 
 DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
                                    const std::string& name) {
-  const int64_t rows = row.Int(1);
   const BlobView blob = row.Blob(3);
-  if (rows == 0 && blob.size == 0) return DescriptorMatrix(0, kSiftColumns);
-  if (rows < 0 || row.Int(2) != kSiftColumns || blob.size % kSiftColumns != 0 ||
-      blob.size / kSiftColumns != static_cast<size_t>(rows)) {
-    ThrowDatabaseError(
-        row.path(), "the descriptors of " + name + " are not SIFT's: " +
-                        std::to_string(blob.size) + " bytes for " +
-                        SizeText(rows, row.Int(2)) + " values" + kExtractAgain);
-  }
+  const size_t rows =
+      NumRows(row, blob, row.Int(2) == kSiftColumns ? kSiftColumns : 0,
+              "the descriptors of " + name + " are not SIFT's", kExtractAgain);
   DescriptorMatrix descriptors(rows, kSiftColumns);
-  std::memcpy(descriptors.data(), blob.data, blob.size);
+  if (rows > 0) std::memcpy(descriptors.data(), blob.data, blob.size);
   return descriptors;
 }
 

@@ -80,6 +80,12 @@ class FeatureDatabase::Impl {
     }
   }
 
+  // Runs a statement that writes with these parameters.
+  template <class... Values>
+  void Run(const std::string& sql, const Values&... values) {
+    file().Prepare(sql).Run(values...);
+  }
+
   bool Has(const std::string& table, const std::string& key, int64_t id) const {
     return database()
         .Prepare("SELECT 1 FROM " + table + " WHERE " + key + " = ?1", id)
@@ -275,11 +281,9 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   const bool is_version4 = HasPriorColumn("corr_data_id");
   if (is_version4) {
     // The key of a prior is not that of its image.
-    file()
-        .Prepare(
-            "DELETE FROM pose_priors WHERE corr_data_id = ?1 AND "
-            "corr_sensor_type = ?2")
-        .Run(prior.image_id, kCameraSensorType);
+    Run("DELETE FROM pose_priors WHERE corr_data_id = ?1 AND "
+        "corr_sensor_type = ?2",
+        prior.image_id, kCameraSensorType);
     SqliteStatement image = database().Prepare(
         "SELECT camera_id FROM images WHERE image_id = ?1", prior.image_id);
     MGSFM_CHECK_MSG(image.Step(), ImageName(prior.image_id));
@@ -296,19 +300,16 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   if (is_version4) add("corr_sensor_id, corr_sensor_type", "?5, ?6");
   // Coordinate systems come last: SQLite ignores a parameter below the last one
   // that does not occur.
-  file()
-      .Prepare("INSERT OR REPLACE INTO pose_priors (" + names + ") VALUES (" +
-               values + ")")
-      .Run(prior.image_id, BlobOf(prior.position.data(), 3),
-           BlobOf(covariance.data(), 9), BlobOf(gravity.data(), 3), camera_id,
-           kCameraSensorType, prior.coordinate_system);
+  Run("INSERT OR REPLACE INTO pose_priors (" + names + ") VALUES (" + values +
+          ")",
+      prior.image_id, BlobOf(prior.position.data(), 3),
+      BlobOf(covariance.data(), 9), BlobOf(gravity.data(), 3), camera_id,
+      kCameraSensorType, prior.coordinate_system);
   if (!images_have_priors_) return;
-  file()
-      .Prepare(
-          "UPDATE images SET prior_tx = ?2, prior_ty = ?3, prior_tz = ?4 "
-          "WHERE image_id = ?1")
-      .Run(prior.image_id, prior.position.x(), prior.position.y(),
-           prior.position.z());
+  Run("UPDATE images SET prior_tx = ?2, prior_ty = ?3, prior_tz = ?4 "
+      "WHERE image_id = ?1",
+      prior.image_id, prior.position.x(), prior.position.y(),
+      prior.position.z());
 }
 
 int64_t FeatureDatabase::Impl::FindOrAddRig(CameraId camera_id) {
@@ -318,11 +319,8 @@ int64_t FeatureDatabase::Impl::FindOrAddRig(CameraId camera_id) {
       "sensor_id = ?1 AND sensor_type = ?2",
       camera_id, kCameraSensorType);
   if (rig.Step()) return rig.Int(0);
-  file()
-      .Prepare(
-          "INSERT INTO rigs (ref_sensor_id, ref_sensor_type) "
-          "VALUES (?1, ?2)")
-      .Run(camera_id, kCameraSensorType);
+  Run("INSERT INTO rigs (ref_sensor_id, ref_sensor_type) VALUES (?1, ?2)",
+      camera_id, kCameraSensorType);
   return LastId();
 }
 
@@ -467,20 +465,18 @@ ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id,
 }
 
 void FeatureDatabase::SetImageCamera(ImageId image_id, CameraId camera_id) {
-  impl_->file()
-      .Prepare("UPDATE images SET camera_id = ?2 WHERE image_id = ?1")
-      .Run(image_id, camera_id);
+  impl_->Run("UPDATE images SET camera_id = ?2 WHERE image_id = ?1", image_id,
+             camera_id);
 }
 
 void FeatureDatabase::WriteKeypoints(
     ImageId image_id, const std::vector<FeatureKeypoint>& keypoints) {
   static_assert(sizeof(FeatureKeypoint) == 6 * sizeof(float),
                 "as in the database");
-  impl_->file()
-      .Prepare(
-          "INSERT OR REPLACE INTO keypoints (image_id, rows, cols, data) "
-          "VALUES (?1, ?2, 6, ?3)")
-      .Run(image_id, keypoints.size(), BlobOf(keypoints));
+  impl_->Run(
+      "INSERT OR REPLACE INTO keypoints (image_id, rows, cols, data) "
+      "VALUES (?1, ?2, 6, ?3)",
+      image_id, keypoints.size(), BlobOf(keypoints));
 }
 
 void FeatureDatabase::WriteDescriptors(ImageId image_id,
@@ -490,15 +486,15 @@ void FeatureDatabase::WriteDescriptors(ImageId image_id,
   constexpr int kSift = 0;
   // The last parameter is that of data: SQLite ignores one below it that does
   // not occur.
-  impl_->file()
-      .Prepare(impl_->descriptors_have_type()
-                   ? "INSERT OR REPLACE INTO descriptors (image_id, rows, "
-                     "cols, type, data) VALUES (?1, ?2, ?3, ?4, ?5)"
-                   : "INSERT OR REPLACE INTO descriptors (image_id, rows, "
-                     "cols, data) VALUES (?1, ?2, ?3, ?5)")
-      .Run(image_id, descriptors.rows(), descriptors.cols(),
-           descriptors.cols() == kSiftColumns ? kSift : kUndefined,
-           BlobOf(descriptors.data(), static_cast<size_t>(descriptors.size())));
+  impl_->Run(
+      impl_->descriptors_have_type()
+          ? "INSERT OR REPLACE INTO descriptors (image_id, rows, cols, type, "
+            "data) VALUES (?1, ?2, ?3, ?4, ?5)"
+          : "INSERT OR REPLACE INTO descriptors (image_id, rows, cols, data) "
+            "VALUES (?1, ?2, ?3, ?5)",
+      image_id, descriptors.rows(), descriptors.cols(),
+      descriptors.cols() == kSiftColumns ? kSift : kUndefined,
+      BlobOf(descriptors.data(), static_cast<size_t>(descriptors.size())));
 }
 
 void FeatureDatabase::WritePosePrior(const PosePriorRow& prior) {
@@ -508,11 +504,10 @@ void FeatureDatabase::WritePosePrior(const PosePriorRow& prior) {
 void FeatureDatabase::WriteMatches(ImageId image_id1, ImageId image_id2,
                                    const std::vector<Match>& matches) {
   const std::vector<Match> ordered = InOrder(matches, image_id1, image_id2);
-  impl_->file()
-      .Prepare(
-          "INSERT OR REPLACE INTO matches (pair_id, rows, cols, data) "
-          "VALUES (?1, ?2, 2, ?3)")
-      .Run(PairIdOf(image_id1, image_id2), ordered.size(), BlobOf(ordered));
+  impl_->Run(
+      "INSERT OR REPLACE INTO matches (pair_id, rows, cols, data) "
+      "VALUES (?1, ?2, 2, ?3)",
+      PairIdOf(image_id1, image_id2), ordered.size(), BlobOf(ordered));
 }
 
 void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
@@ -531,15 +526,12 @@ void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
 void FeatureDatabase::AddSingleImageFrame(ImageId image_id,
                                           CameraId camera_id) {
   impl_->InTransaction([&] {
-    impl_->file()
-        .Prepare("INSERT INTO frames (rig_id) VALUES (?1)")
-        .Run(impl_->FindOrAddRig(camera_id));
-    const uint32_t frame_id = impl_->LastId();
-    impl_->file()
-        .Prepare(
-            "INSERT INTO frame_data (frame_id, data_id, sensor_id, "
-            "sensor_type) VALUES (?1, ?2, ?3, ?4)")
-        .Run(frame_id, image_id, camera_id, kCameraSensorType);
+    impl_->Run("INSERT INTO frames (rig_id) VALUES (?1)",
+               impl_->FindOrAddRig(camera_id));
+    impl_->Run(
+        "INSERT INTO frame_data (frame_id, data_id, sensor_id, sensor_type) "
+        "VALUES (?1, ?2, ?3, ?4)",
+        impl_->LastId(), image_id, camera_id, kCameraSensorType);
   });
 }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/models/model_scene.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
 #include <optional>

@@ -197,12 +197,11 @@ std::vector<int> ImagesOfOtherRigs(const RigInput& input,
                                    const std::vector<RigConfig>& rigs) {
   std::vector<int> others;
   for (size_t i = 0; i < input.contents.images.size(); ++i) {
-    bool is_known = false;
-    for (const RigConfig& rig : rigs) {
-      for (const RigConfigCamera& camera : rig.cameras) {
-        is_known |= bool(FrameKeyOf(camera, input.contents.images[i].name));
-      }
-    }
+    const bool is_known = AnyOf(rigs, [&](const RigConfig& rig) {
+      return AnyOf(rig.cameras, [&](const RigConfigCamera& camera) {
+        return FrameKeyOf(camera, input.contents.images[i].name).has_value();
+      });
+    });
     if (!is_known) others.push_back(static_cast<int>(i));
   }
   return others;

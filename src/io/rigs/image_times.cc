@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <optional>
 #include <string_view>
@@ -135,16 +134,10 @@ std::optional<int64_t> FindDate(const std::string& stem) {
   return seconds * kNsPerSecond + FractionNs(fraction + decimals);
 }
 
-std::optional<int64_t> FindSeconds(std::string_view stem) {
-  const std::string_view whole = DigitsAt(stem, 0);
-  if (whole.empty() || whole.size() > 9 || whole.size() == stem.size()) {
-    return std::nullopt;
-  }
-  const std::string_view decimals = DecimalsAt(stem, whole.size());
-  if (stem[whole.size()] != '.' || decimals.size() < 3 ||
-      whole.size() + 1 + decimals.size() != stem.size()) {
-    return std::nullopt;
-  }
+std::optional<int64_t> FindSeconds(const std::string& stem) {
+  static const RE2 kPattern(R"((\d{1,9})\.(\d{3,9}))");
+  std::string whole, decimals;
+  if (!RE2::FullMatch(stem, kPattern, &whole, &decimals)) return std::nullopt;
   return ToInt(whole) * kNsPerSecond + FractionNs(decimals);
 }
 

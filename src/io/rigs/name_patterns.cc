@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "rigs/rig_inference.h"
@@ -90,7 +91,7 @@ std::string PatternOfEnds(const std::vector<std::string>& names) {
 std::optional<std::vector<std::string>> JoinTellingParts(
     const NameGroups& groups, bool splits_words) {
   std::vector<CommonParts> common;
-  for (const std::vector<std::string>& names : groups) {
+  for (const auto& [camera, names] : groups) {
     const auto parts = FindCommonParts(names, splits_words);
     if (!parts || (!common.empty() && parts->size() != common[0].size())) {
       return std::nullopt;
@@ -98,7 +99,7 @@ std::optional<std::vector<std::string>> JoinTellingParts(
     common.push_back(*parts);
   }
   const auto all_have = [&](size_t i) {
-    return std::all_of(common.begin(), common.end(), [&](const auto& parts) {
+    return AllOf(common, [&](const auto& parts) {
       return parts[i] && !IsSeparator(*parts[i]);
     });
   };
@@ -173,16 +174,15 @@ std::vector<std::vector<std::string>> FindNamePatterns(
   std::vector<std::vector<std::string>> ways;
   for (const bool splits_words : {false, true}) {
     std::vector<std::string> patterns;
-    for (const std::vector<std::string>& names : groups) {
+    for (const auto& [camera, names] : groups) {
       const auto parts = FindCommonParts(names, splits_words);
       if (!parts) break;
       patterns.push_back(ToPattern(*parts));
     }
     if (patterns.size() == groups.size()) ways.push_back(std::move(patterns));
   }
-  std::vector<std::string> of_ends;
-  for (const auto& names : groups) of_ends.push_back(PatternOfEnds(names));
-  ways.push_back(std::move(of_ends));
+  ways.push_back(Transformed(
+      groups, [](const auto& group) { return PatternOfEnds(group.second); }));
   return ways;
 }
 
@@ -204,8 +204,8 @@ struct NameRule {
   std::map<int, std::string> groups;  // "camera", "frame" or "rig", by number
 
   bool HasGroup(const std::string& name) const {
-    return std::any_of(groups.begin(), groups.end(),
-                       [&](const auto& group) { return group.second == name; });
+    return AnyOf(groups,
+                 [&](const auto& group) { return group.second == name; });
   }
 };
 

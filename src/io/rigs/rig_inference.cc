@@ -211,8 +211,7 @@ class TableAssigner {
   // The folder of each sensor; nullopt if a sensor has several at this level.
   std::optional<std::vector<std::string>> FoldersAtLevel(size_t level) const;
   // The parts of names that only the images of one sensor have.
-  std::optional<std::vector<std::string>> TellingParts(
-      const std::set<int>& sensors) const;
+  std::optional<std::vector<std::string>> TellingParts() const;
   // The common start of the names of a sensor's images: as whole folders, or
   // as text without the digits at its end.
   std::vector<std::string> CommonStarts(bool whole_folders) const;
@@ -339,20 +338,17 @@ std::optional<std::vector<std::string>> TableAssigner::FoldersAtLevel(
                      [](const auto& folder) { return folder.value_or(""); });
 }
 
-std::optional<std::vector<std::string>> TableAssigner::TellingParts(
-    const std::set<int>& sensors) const {
-  std::map<int, std::vector<std::string>> names_of_sensor;
+std::optional<std::vector<std::string>> TableAssigner::TellingParts() const {
+  NameGroups names_of_sensor;
   for (size_t i = 0; i < input_.contents.images.size(); ++i) {
     names_of_sensor[assignment_.sensor_of_image[i]].push_back(
         input_.contents.images[i].name);
   }
-  NameGroups groups;
-  for (const int sensor : sensors) groups.push_back(names_of_sensor[sensor]);
-  const auto parts = FindTellingParts(groups);
+  const auto parts = FindTellingParts(names_of_sensor);
   if (!parts) return std::nullopt;
   std::vector<std::string> names(assignment_.sensors.size());
   auto part = parts->begin();
-  for (const int sensor : sensors) names[sensor] = *part++;
+  for (const auto& entry : names_of_sensor) names[entry.first] = *part++;
   return names;
 }
 
@@ -365,7 +361,7 @@ void TableAssigner::NameSensors() {
     if (auto names = FoldersAtLevel(level)) candidates.push_back(*names);
   }
   candidates.push_back(CommonStarts(true));
-  if (auto names = TellingParts(used)) candidates.push_back(*names);
+  if (auto names = TellingParts()) candidates.push_back(*names);
   candidates.push_back(CommonStarts(false));
   for (const std::vector<std::string>& names : candidates) {
     std::set<std::string> distinct;

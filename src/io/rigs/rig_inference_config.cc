@@ -83,15 +83,13 @@ void AddFramesByName(const RigInput& input,
 void NamePatternSensors(const RigInput& input,
                         const std::vector<RigConfigCamera>& cameras,
                         RigAssignment* assignment) {
-  std::map<int, std::vector<std::string>> names;
+  NameGroups names;
   for (size_t i = 0; i < input.contents.images.size(); ++i) {
     const int sensor = assignment->sensor_of_image[i];
     if (sensor < 0 || cameras[sensor].image_pattern.empty()) continue;
     names[sensor].push_back(input.contents.images[i].name);
   }
-  NameGroups groups;
-  for (const auto& entry : names) groups.push_back(entry.second);
-  const auto parts = groups.empty() ? std::nullopt : FindTellingParts(groups);
+  const auto parts = names.empty() ? std::nullopt : FindTellingParts(names);
   size_t k = 0;
   for (const auto& entry : names) {
     assignment->sensors[entry.first].name =
