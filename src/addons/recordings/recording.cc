@@ -2,7 +2,6 @@
 #include "recordings/recording.h"
 
 #include <algorithm>
-#include <map>
 #include <tuple>
 
 #include "base/file_reading.h"

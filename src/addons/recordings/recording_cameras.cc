@@ -167,60 +167,6 @@ int InfoTopicOf(const std::string& image_topic,
   return -1;
 }
 
-}  // namespace
-
-std::vector<RecordedCamera> ChooseCameras(const Recording& recording,
-                                          const std::string& image_topics,
-                                          const Context& context) {
-  const std::vector<RecordingTopic>& topics = recording.topics();
-  const std::vector<std::string> names = SplitList(image_topics);
-  const std::vector<int> chosen = names.empty()
-                                      ? TopicsByDefault(topics, context)
-                                      : TopicsOfList(recording, names);
-  if (chosen.empty()) {
-    throw Error("recording " + recording.Name() +
-                " has no topic of images; run recording_importer without "
-                "output_path to list the topics");
-  }
-  std::vector<RecordedCamera> cameras;
-  for (const int topic_idx : chosen) {
-    RecordedCamera camera;
-    camera.topic_idx = topic_idx;
-    camera.info_topic_idx = InfoTopicOf(topics[topic_idx].name, topics);
-    camera.is_rectified = LastPart(RawTopicOf(topics[topic_idx].name))
-                              .compare(0, 10, "image_rect") == 0;
-    cameras.push_back(std::move(camera));
-  }
-  NameFolders(topics, &cameras);
-  return cameras;
-}
-
-void StaticFrames::Add(const TransformMessage& transform) {
-  parent_of_[transform.child] = {transform.parent, transform.parent_from_child};
-}
-
-std::pair<std::string, Rigid3> StaticFrames::RootFrom(std::string frame) const {
-  Rigid3 root_from_frame;
-  // A cycle ends after as many steps as there are transforms.
-  for (size_t i = 0; i < parent_of_.size(); ++i) {
-    const auto found = parent_of_.find(frame);
-    if (found == parent_of_.end()) break;
-    root_from_frame = found->second.second * root_from_frame;
-    frame = found->second.first;
-  }
-  return {frame, root_from_frame};
-}
-
-std::optional<Rigid3> StaticFrames::Between(const std::string& to,
-                                            const std::string& from) const {
-  const auto [root_of_to, root_from_to] = RootFrom(to);
-  const auto [root_of_from, root_from_from] = RootFrom(from);
-  if (root_of_to != root_of_from) return std::nullopt;
-  return root_from_to.Inverse() * root_from_from;
-}
-
-namespace {
-
 // The lens of the images: of rectified ones, that of the projection matrix.
 CalibratedCamera LensOf(const RecordedCamera& camera) {
   const CameraInfoMessage& info = *camera.info;
@@ -312,6 +258,56 @@ std::optional<Rigid3> CamFromReference(const RecordedCamera& camera,
 }
 
 }  // namespace
+
+std::vector<RecordedCamera> ChooseCameras(const Recording& recording,
+                                          const std::string& image_topics,
+                                          const Context& context) {
+  const std::vector<RecordingTopic>& topics = recording.topics();
+  const std::vector<std::string> names = SplitList(image_topics);
+  const std::vector<int> chosen = names.empty()
+                                      ? TopicsByDefault(topics, context)
+                                      : TopicsOfList(recording, names);
+  if (chosen.empty()) {
+    throw Error("recording " + recording.Name() +
+                " has no topic of images; run recording_importer without "
+                "output_path to list the topics");
+  }
+  std::vector<RecordedCamera> cameras;
+  for (const int topic_idx : chosen) {
+    RecordedCamera camera;
+    camera.topic_idx = topic_idx;
+    camera.info_topic_idx = InfoTopicOf(topics[topic_idx].name, topics);
+    camera.is_rectified = LastPart(RawTopicOf(topics[topic_idx].name))
+                              .compare(0, 10, "image_rect") == 0;
+    cameras.push_back(std::move(camera));
+  }
+  NameFolders(topics, &cameras);
+  return cameras;
+}
+
+void StaticFrames::Add(const TransformMessage& transform) {
+  parent_of_[transform.child] = {transform.parent, transform.parent_from_child};
+}
+
+std::pair<std::string, Rigid3> StaticFrames::RootFrom(std::string frame) const {
+  Rigid3 root_from_frame;
+  // A cycle ends after as many steps as there are transforms.
+  for (size_t i = 0; i < parent_of_.size(); ++i) {
+    const auto found = parent_of_.find(frame);
+    if (found == parent_of_.end()) break;
+    root_from_frame = found->second.second * root_from_frame;
+    frame = found->second.first;
+  }
+  return {frame, root_from_frame};
+}
+
+std::optional<Rigid3> StaticFrames::Between(const std::string& to,
+                                            const std::string& from) const {
+  const auto [root_of_to, root_from_to] = RootFrom(to);
+  const auto [root_of_from, root_from_from] = RootFrom(from);
+  if (root_of_to != root_of_from) return std::nullopt;
+  return root_from_to.Inverse() * root_from_from;
+}
 
 std::optional<RigConfig> MakeRecordedRig(
     const std::vector<RecordedCamera>& cameras, const StaticFrames& frames,

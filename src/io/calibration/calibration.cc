@@ -2,12 +2,10 @@
 #include "calibration/calibration.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <map>
 
 #include "base/file_reading.h"
 #include "base/ranges.h"
-#include "calibration/yaml_value.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "scene/intrinsics_check.h"

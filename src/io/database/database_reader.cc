@@ -15,7 +15,6 @@
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/database/database.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -25,57 +24,6 @@ template <class T, class Predicate>
 void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
   EraseIf(items, [&](const T& item) { return !is_kept(item); });
 }
-
-}  // namespace
-
-std::vector<std::string> ReadImageList(const std::string& path) {
-  TextLines lines(path, "'" + path + "' (image_list_path)");
-  std::vector<std::string> names;
-  while (lines.NextContent()) {
-    names.emplace_back(lines.line());
-    if (const auto problem = WhyUnusable(names.back())) {
-      lines.Throw("the name " + *problem);
-    }
-  }
-  return names;
-}
-
-void KeepListedImages(const std::set<std::string>& names,
-                      const std::string& list_path,
-                      DatabaseContents* contents) {
-  const std::string list = "'" + list_path + "' (image_list_path)";
-  if (names.empty()) throw Error(list + " lists no image");
-  EraseUnless(
-      [&](const ImageRow& image) { return names.count(image.name) > 0; },
-      &contents->images);
-  std::set<std::string> missing = names;
-  std::set<ImageId> ids;
-  for (const ImageRow& image : contents->images) {
-    missing.erase(image.name);
-    ids.insert(image.id);
-  }
-  if (!missing.empty()) {
-    throw Error(list + " names '" + *missing.begin() +
-                "', which the database '" + contents->path +
-                "' does not have; correct the list, or extract and match the "
-                "features of the image");
-  }
-  const auto has = [&](ImageId id) { return ids.count(id) > 0; };
-  const auto has_pair = [&](const auto& pair) {
-    return has(pair.image_id1) && has(pair.image_id2);
-  };
-  EraseUnless(has_pair, &contents->pairs);
-  EraseUnless(has_pair, &contents->matches);
-  for (FrameRow& frame : contents->frames) {
-    EraseUnless([&](const FrameDataRow& data) { return has(data.image_id); },
-                &frame.data);
-  }
-  EraseUnless([](const FrameRow& frame) { return !frame.data.empty(); },
-              &contents->frames);
-  contents->is_selection = true;
-}
-
-namespace {
 
 // The database and the run that reads it.
 struct Source {
@@ -491,6 +439,53 @@ DatabaseContents ReadContents(const SqliteDatabase& database,
 }
 
 }  // namespace
+
+std::vector<std::string> ReadImageList(const std::string& path) {
+  TextLines lines(path, "'" + path + "' (image_list_path)");
+  std::vector<std::string> names;
+  while (lines.NextContent()) {
+    names.emplace_back(lines.line());
+    if (const auto problem = WhyUnusable(names.back())) {
+      lines.Throw("the name " + *problem);
+    }
+  }
+  return names;
+}
+
+void KeepListedImages(const std::set<std::string>& names,
+                      const std::string& list_path,
+                      DatabaseContents* contents) {
+  const std::string list = "'" + list_path + "' (image_list_path)";
+  if (names.empty()) throw Error(list + " lists no image");
+  EraseUnless(
+      [&](const ImageRow& image) { return names.count(image.name) > 0; },
+      &contents->images);
+  std::set<std::string> missing = names;
+  std::set<ImageId> ids;
+  for (const ImageRow& image : contents->images) {
+    missing.erase(image.name);
+    ids.insert(image.id);
+  }
+  if (!missing.empty()) {
+    throw Error(list + " names '" + *missing.begin() +
+                "', which the database '" + contents->path +
+                "' does not have; correct the list, or extract and match the "
+                "features of the image");
+  }
+  const auto has = [&](ImageId id) { return ids.count(id) > 0; };
+  const auto has_pair = [&](const auto& pair) {
+    return has(pair.image_id1) && has(pair.image_id2);
+  };
+  EraseUnless(has_pair, &contents->pairs);
+  EraseUnless(has_pair, &contents->matches);
+  for (FrameRow& frame : contents->frames) {
+    EraseUnless([&](const FrameDataRow& data) { return has(data.image_id); },
+                &frame.data);
+  }
+  EraseUnless([](const FrameRow& frame) { return !frame.data.empty(); },
+              &contents->frames);
+  contents->is_selection = true;
+}
 
 void SwapImages(std::vector<Match>* matches) {
   for (Match& match : *matches) {

@@ -8,7 +8,6 @@
 #include <cstring>
 #include <limits>
 #include <set>
-#include <string>
 
 #include "base/text_tools.h"
 #include "scene/value_check.h"
@@ -101,23 +100,6 @@ CREATE TABLE IF NOT EXISTS frame_data (
 CREATE UNIQUE INDEX IF NOT EXISTS frame_sensor_assignment
   ON frame_data(data_id, sensor_type);
 )";
-
-}  // namespace
-
-void CreateTables(TableLayout layout, SqliteDatabase* database) {
-  const bool is_new = !database->HasTable("images");
-  std::string tables = kCommonTables;
-  const std::string placeholder = "$PRIOR_COLUMNS";
-  tables.replace(tables.find(placeholder), placeholder.size(),
-                 layout == TableLayout::k312 ? "" : kPriorColumns38);
-  database->Execute(tables);
-  if (layout != TableLayout::k38) database->Execute(kTables312);
-  if (!is_new) return;
-  database->Execute(layout == TableLayout::k38 ? "PRAGMA user_version = 3800"
-                                               : "PRAGMA user_version = 3900");
-}
-
-namespace {
 
 using RowMajorMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
@@ -215,6 +197,19 @@ PosePriorRow DecodePosePrior(const SqliteStatement& row) {
 }
 
 }  // namespace
+
+void CreateTables(TableLayout layout, SqliteDatabase* database) {
+  const bool is_new = !database->HasTable("images");
+  std::string tables = kCommonTables;
+  const std::string placeholder = "$PRIOR_COLUMNS";
+  tables.replace(tables.find(placeholder), placeholder.size(),
+                 layout == TableLayout::k312 ? "" : kPriorColumns38);
+  database->Execute(tables);
+  if (layout != TableLayout::k38) database->Execute(kTables312);
+  if (!is_new) return;
+  database->Execute(layout == TableLayout::k38 ? "PRAGMA user_version = 3800"
+                                               : "PRAGMA user_version = 3900");
+}
 
 std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
   const Eigen::Quaterniond rotation(qvec[0], qvec[1], qvec[2], qvec[3]);

@@ -5,10 +5,8 @@
 #include <exception>
 #include <filesystem>
 #include <limits>
-#include <optional>
 #include <set>
 #include <system_error>
-#include <utility>
 
 #include "base/ranges.h"
 #include "database/database_reader.h"

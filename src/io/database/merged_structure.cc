@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "database/merged_structure.h"
 
-#include <algorithm>
 #include <limits>
 #include <optional>
 #include <set>

@@ -10,7 +10,6 @@
 #include <new>
 #include <string_view>
 #include <system_error>
-#include <utility>
 
 #include "base/file_reading.h"
 #include "base/nanoseconds.h"
@@ -69,6 +68,67 @@ void ThrowUnlessOk(int result, const std::string& path, sqlite3* db) {
   if (result == SQLITE_OK) return;
   if (result == SQLITE_NOMEM) throw std::bad_alloc();
   ThrowDatabaseError(path, Describe(result, sqlite3_errmsg(db)));
+}
+
+namespace fs = std::filesystem;
+
+// Files beside a database that may hold changes to it: the write-ahead log,
+// and the journal with which an interrupted transaction is undone.
+constexpr const char* kSideFileSuffixes[] = {"-wal", "-journal"};
+
+// Every database begins with a header of this form; see "The Database Header"
+// in the documentation of SQLite's file format.
+constexpr size_t kHeaderSize = 100;
+constexpr std::string_view kMagic("SQLite format 3\0", 16);
+
+// Zeros beyond the end of the file.
+std::string ReadHeader(const std::string& path) {
+  std::string header = ReadFile(path, "database '" + path + "'", kHeaderSize);
+  header.resize(kHeaderSize);
+  return header;
+}
+
+uint64_t BigEndian(const std::string& bytes, size_t begin, size_t size) {
+  uint64_t value = 0;
+  for (size_t i = begin; i < begin + size; ++i) {
+    value = value << 8 | static_cast<unsigned char>(bytes[i]);
+  }
+  return value;
+}
+
+void CheckIsDatabase(const std::string& path) {
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (!fs::exists(status)) {
+    ThrowDatabaseError(path, "there is no such file; check the path");
+  }
+  if (!fs::is_regular_file(status)) {
+    ThrowDatabaseError(path, "is not a file; give the database file itself");
+  }
+  if (!HasDatabaseHeader(path)) {
+    ThrowDatabaseError(path,
+                       "is not an SQLite database; give the one that COLMAP's "
+                       "feature extractor made");
+  }
+}
+
+// SQLite itself notices a missing page only when it reads the page.
+void CheckIsComplete(const std::string& path) {
+  const std::string header = ReadHeader(path);
+  const uint64_t page_size = BigEndian(header, 16, 2);
+  // 65536 does not fit in two bytes; 1 stands for it.
+  const uint64_t num_bytes =
+      (page_size == 1 ? 65536 : page_size) * BigEndian(header, 28, 4);
+  const bool is_current = BigEndian(header, 24, 4) == BigEndian(header, 92, 4);
+  const uint64_t expected =
+      std::max<uint64_t>(is_current ? num_bytes : 0, kHeaderSize);
+  std::error_code error;
+  const uint64_t size = fs::file_size(path, error);
+  if (error || size >= expected) return;
+  ThrowDatabaseError(path, "is truncated, it has " + std::to_string(size) +
+                               " bytes instead of at least " +
+                               std::to_string(expected) +
+                               "; copy it again from where it was made");
 }
 
 }  // namespace
@@ -273,71 +333,6 @@ std::set<std::string> SqliteDatabase::Columns(const std::string& table) const {
   while (statement.Step()) columns.insert(statement.Text(1));
   return columns;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-// Files beside a database that may hold changes to it: the write-ahead log,
-// and the journal with which an interrupted transaction is undone.
-constexpr const char* kSideFileSuffixes[] = {"-wal", "-journal"};
-
-// Every database begins with a header of this form; see "The Database Header"
-// in the documentation of SQLite's file format.
-constexpr size_t kHeaderSize = 100;
-constexpr std::string_view kMagic("SQLite format 3\0", 16);
-
-// Zeros beyond the end of the file.
-std::string ReadHeader(const std::string& path) {
-  std::string header = ReadFile(path, "database '" + path + "'", kHeaderSize);
-  header.resize(kHeaderSize);
-  return header;
-}
-
-uint64_t BigEndian(const std::string& bytes, size_t begin, size_t size) {
-  uint64_t value = 0;
-  for (size_t i = begin; i < begin + size; ++i) {
-    value = value << 8 | static_cast<unsigned char>(bytes[i]);
-  }
-  return value;
-}
-
-void CheckIsDatabase(const std::string& path) {
-  std::error_code error;
-  const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) {
-    ThrowDatabaseError(path, "there is no such file; check the path");
-  }
-  if (!fs::is_regular_file(status)) {
-    ThrowDatabaseError(path, "is not a file; give the database file itself");
-  }
-  if (!HasDatabaseHeader(path)) {
-    ThrowDatabaseError(path,
-                       "is not an SQLite database; give the one that COLMAP's "
-                       "feature extractor made");
-  }
-}
-
-// SQLite itself notices a missing page only when it reads the page.
-void CheckIsComplete(const std::string& path) {
-  const std::string header = ReadHeader(path);
-  const uint64_t page_size = BigEndian(header, 16, 2);
-  // 65536 does not fit in two bytes; 1 stands for it.
-  const uint64_t num_bytes =
-      (page_size == 1 ? 65536 : page_size) * BigEndian(header, 28, 4);
-  const bool is_current = BigEndian(header, 24, 4) == BigEndian(header, 92, 4);
-  const uint64_t expected =
-      std::max<uint64_t>(is_current ? num_bytes : 0, kHeaderSize);
-  std::error_code error;
-  const uint64_t size = fs::file_size(path, error);
-  if (error || size >= expected) return;
-  ThrowDatabaseError(path, "is truncated, it has " + std::to_string(size) +
-                               " bytes instead of at least " +
-                               std::to_string(expected) +
-                               "; copy it again from where it was made");
-}
-
-}  // namespace
 
 bool HasDatabaseHeader(const std::string& path) {
   return ReadHeader(path).compare(0, kMagic.size(), kMagic) == 0;

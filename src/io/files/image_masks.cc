@@ -45,6 +45,26 @@ cv::Mat ReadMask(const fs::path& path, int64_t max_num_pixels) {
   return mask.pixels != 0;
 }
 
+// The first PNG file below the folder that is neither a mask in use nor an
+// image; empty if there is none.
+std::string FindMisnamedMask(const fs::path& folder,
+                             const std::set<fs::path>& used,
+                             const std::vector<std::string>& image_names) {
+  const std::set<std::string> images(image_names.begin(), image_names.end());
+  std::string first;
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder, error), end;
+       !error && it != end; it.increment(error)) {
+    const std::string name = it->path().lexically_relative(folder).string();
+    if (it->path().extension() != ".png" || used.count(it->path()) > 0 ||
+        images.count(name) > 0) {
+      continue;
+    }
+    if (first.empty() || name < first) first = name;
+  }
+  return first;
+}
+
 }  // namespace
 
 void RemoveMasks(const fs::path& image_path, const MaskPaths& mask_paths,
@@ -129,30 +149,6 @@ void ImageMasks::CheckFolderOfImages(
                   std::to_string(image_names.size()) +
                   " images have no mask in " + folder + ", such as " + remedy);
 }
-
-namespace {
-
-// The first PNG file below the folder that is neither a mask in use nor an
-// image; empty if there is none.
-std::string FindMisnamedMask(const fs::path& folder,
-                             const std::set<fs::path>& used,
-                             const std::vector<std::string>& image_names) {
-  const std::set<std::string> images(image_names.begin(), image_names.end());
-  std::string first;
-  std::error_code error;
-  for (fs::recursive_directory_iterator it(folder, error), end;
-       !error && it != end; it.increment(error)) {
-    const std::string name = it->path().lexically_relative(folder).string();
-    if (it->path().extension() != ".png" || used.count(it->path()) > 0 ||
-        images.count(name) > 0) {
-      continue;
-    }
-    if (first.empty() || name < first) first = name;
-  }
-  return first;
-}
-
-}  // namespace
 
 void ImageMasks::CheckFolderOfCameras(
     const std::vector<std::string>& image_names, const std::string& option,

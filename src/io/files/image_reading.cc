@@ -316,6 +316,15 @@ bool UsesTwelveBits(const cv::Mat& pixels) {
   return max > 0.0 && max <= kMaxOfTwelveBits;
 }
 
+// Sets up the codecs of OpenCV in the calling thread. GDAL, one of them, ends
+// the process if memory runs out there, so memory is tested first.
+void SetUpCodecs() {
+  RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
+  std::string image = "P5 1 1 255\n0";
+  const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
+  (void)cv::imdecode(view, cv::IMREAD_GRAYSCALE);
+}
+
 }  // namespace
 
 std::optional<ImageSize> ReadImageSize(const std::string& file) {
@@ -379,19 +388,6 @@ bool StaysInFolder(const std::string& name) {
 void RethrowLackOfMemory(const cv::Exception& exception) {
   if (exception.code == cv::Error::StsNoMem) throw std::bad_alloc();
 }
-
-namespace {
-
-// Sets up the codecs of OpenCV in the calling thread. GDAL, one of them, ends
-// the process if memory runs out there, so memory is tested first.
-void SetUpCodecs() {
-  RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
-  std::string image = "P5 1 1 255\n0";
-  const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
-  (void)cv::imdecode(view, cv::IMREAD_GRAYSCALE);
-}
-
-}  // namespace
 
 QuietImageLibraries::QuietImageLibraries()
     : num_threads_(cv::getNumThreads()),

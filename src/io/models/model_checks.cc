@@ -4,9 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
-#include <optional>
 #include <set>
-#include <string>
 #include <utility>
 
 #include "base/format.h"
@@ -108,31 +106,6 @@ void TableCheck::CheckImage(const ModelFrame& frame, const ModelImage& image) {
   Throw(frame, image, numbers);
 }
 
-}  // namespace
-
-void CheckModelTables(const PoseModel& poses, const fs::path& folder) {
-  if (poses.rigs.empty()) return;
-  TableCheck check(poses, folder);
-  for (const ModelFrame& frame : poses.frames) check.Check(frame);
-}
-
-void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {
-  const auto image_of_id = IndexById(poses.images);
-  for (const ModelFrame& frame : poses.frames) {
-    FrameRow row{frame.id, frame.rig_id, {}};
-    for (const ImageId id : frame.image_ids) {
-      const auto image = image_of_id.find(id);
-      if (image == image_of_id.end()) continue;
-      row.data.push_back({poses.images[image->second].camera_id, id});
-    }
-    if (!row.data.empty()) contents->frames.push_back(std::move(row));
-  }
-  contents->rigs.insert(contents->rigs.end(), poses.rigs.begin(),
-                        poses.rigs.end());
-}
-
-namespace {
-
 // Determines a fraction within 1 % at constant cost.
 constexpr size_t kMaxNumChecked = 10000;
 
@@ -203,7 +176,36 @@ class ObservationCheck {
   size_t step_ = 1;
 };
 
+// A rigidly mounted camera rotates by noise only, far below this bound.
+// Independently moving cameras exceed it in most frames.
+constexpr double kMaxRigRotationDeg = 5.0;
+// Calibrations of one rig differ less: a camera that rotated by half of this is
+// reported as moved. The shift is relative to the size of the rig.
+constexpr double kMaxKnownRotationDeg = 1.0;
+constexpr double kMaxKnownShift = 0.05;
+
 }  // namespace
+
+void CheckModelTables(const PoseModel& poses, const fs::path& folder) {
+  if (poses.rigs.empty()) return;
+  TableCheck check(poses, folder);
+  for (const ModelFrame& frame : poses.frames) check.Check(frame);
+}
+
+void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {
+  const auto image_of_id = IndexById(poses.images);
+  for (const ModelFrame& frame : poses.frames) {
+    FrameRow row{frame.id, frame.rig_id, {}};
+    for (const ImageId id : frame.image_ids) {
+      const auto image = image_of_id.find(id);
+      if (image == image_of_id.end()) continue;
+      row.data.push_back({poses.images[image->second].camera_id, id});
+    }
+    if (!row.data.empty()) contents->frames.push_back(std::move(row));
+  }
+  contents->rigs.insert(contents->rigs.end(), poses.rigs.begin(),
+                        poses.rigs.end());
+}
 
 void CheckObservations(const Model& model, const std::filesystem::path& folder,
                        const Context& context) {
@@ -231,18 +233,6 @@ void CheckObservations(const Model& model, const std::filesystem::path& folder,
                   "; the files images, cameras and points3D are "
                   "probably not of one model");
 }
-
-namespace {
-
-// A rigidly mounted camera rotates by noise only, far below this bound.
-// Independently moving cameras exceed it in most frames.
-constexpr double kMaxRigRotationDeg = 5.0;
-// Calibrations of one rig differ less: a camera that rotated by half of this is
-// reported as moved. The shift is relative to the size of the rig.
-constexpr double kMaxKnownRotationDeg = 1.0;
-constexpr double kMaxKnownShift = 0.05;
-
-}  // namespace
 
 void ThrowModelError(const std::filesystem::path& folder,
                      const std::string& problem) {

@@ -299,22 +299,6 @@ void ModelWriter::WritePoints(ModelFile file) const {
   file.Close();
 }
 
-}  // namespace
-
-void CheckFormat(const Scene& scene, ModelFormat format) {
-  for (const Image& image : scene.images) CheckFormat(image.name, format);
-}
-
-void CheckFormat(const std::string& image_name, ModelFormat format) {
-  if (format != ModelFormat::kText) return;
-  if (image_name.find_first_of(" \t\r\n\v\f") == std::string::npos) return;
-  throw Error("the name of image '" + image_name +
-              "' has a blank, which the text format cannot hold; write the "
-              "model as binary");
-}
-
-namespace {
-
 // Rejects values that no reader would accept.
 void CheckValues(const Scene& scene, const Reconstruction& model) {
   const auto check = [](const std::optional<std::string>& problem,
@@ -342,6 +326,18 @@ void CheckValues(const Scene& scene, const Reconstruction& model) {
 }
 
 }  // namespace
+
+void CheckFormat(const Scene& scene, ModelFormat format) {
+  for (const Image& image : scene.images) CheckFormat(image.name, format);
+}
+
+void CheckFormat(const std::string& image_name, ModelFormat format) {
+  if (format != ModelFormat::kText) return;
+  if (image_name.find_first_of(" \t\r\n\v\f") == std::string::npos) return;
+  throw Error("the name of image '" + image_name +
+              "' has a blank, which the text format cannot hold; write the "
+              "model as binary");
+}
 
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <optional>
 #include <string_view>
 
 #include "base/format.h"
@@ -13,7 +12,6 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/models/trajectory_io.h"
-#include "rigs/image_times.h"
 #include "scene/item_lists.h"
 
 namespace mgsfm {

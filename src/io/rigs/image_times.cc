@@ -7,10 +7,8 @@
 #include <charconv>
 #include <cmath>
 #include <map>
-#include <optional>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "base/nanoseconds.h"
 #include "base/natural_order.h"
@@ -141,37 +139,6 @@ std::optional<int64_t> FindSeconds(const std::string& stem) {
   return ToInt(whole) * kNsPerSecond + FractionNs(decimals);
 }
 
-}  // namespace
-
-std::optional<int64_t> TimeInName(const std::string& image_name) {
-  const std::string stem = SplitPath(WithoutExtension(image_name)).back();
-  if (const auto time_ns = FindUnixTime(stem)) return time_ns;
-  if (const auto time_ns = FindDate(stem)) return time_ns;
-  return FindSeconds(stem);
-}
-
-std::optional<std::string> WhyNoTime(double time_s) {
-  // UNIX times in milliseconds exceed this bound. Nanoseconds up to it fit into
-  // 64 bits.
-  constexpr double kMaxTime_s = 7.3e9;
-  if (std::abs(time_s) < kMaxTime_s) return std::nullopt;
-  return "is beyond the year 2200; give times in seconds";
-}
-
-std::optional<int64_t> TimeOrNumberInStem(const std::string& stem) {
-  // The function expects an extension.
-  if (const auto time_ns = TimeInName(stem + ".image")) return time_ns;
-  if (stem.find_first_not_of("0123456789.") != std::string::npos) {
-    return std::nullopt;
-  }
-  const std::optional<double> time_s = ParseDouble(stem);
-  // Larger numbers do not fit into 64 bits of nanoseconds.
-  if (!time_s || *time_s >= 9e9) return std::nullopt;
-  return std::llround(*time_s * kNsPerSecond);
-}
-
-namespace {
-
 [[noreturn]] void Throw(const std::filesystem::path& path,
                         const std::string& problem) {
   throw Error("'" + path.string() + "' " + problem);
@@ -291,6 +258,33 @@ void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
 }
 
 }  // namespace
+
+std::optional<int64_t> TimeInName(const std::string& image_name) {
+  const std::string stem = SplitPath(WithoutExtension(image_name)).back();
+  if (const auto time_ns = FindUnixTime(stem)) return time_ns;
+  if (const auto time_ns = FindDate(stem)) return time_ns;
+  return FindSeconds(stem);
+}
+
+std::optional<std::string> WhyNoTime(double time_s) {
+  // UNIX times in milliseconds exceed this bound. Nanoseconds up to it fit into
+  // 64 bits.
+  constexpr double kMaxTime_s = 7.3e9;
+  if (std::abs(time_s) < kMaxTime_s) return std::nullopt;
+  return "is beyond the year 2200; give times in seconds";
+}
+
+std::optional<int64_t> TimeOrNumberInStem(const std::string& stem) {
+  // The function expects an extension.
+  if (const auto time_ns = TimeInName(stem + ".image")) return time_ns;
+  if (stem.find_first_not_of("0123456789.") != std::string::npos) {
+    return std::nullopt;
+  }
+  const std::optional<double> time_s = ParseDouble(stem);
+  // Larger numbers do not fit into 64 bits of nanoseconds.
+  if (!time_s || *time_s >= 9e9) return std::nullopt;
+  return std::llround(*time_s * kNsPerSecond);
+}
 
 std::vector<double> ReadImageTimes(const std::filesystem::path& path,
                                    const std::vector<std::string>& names,

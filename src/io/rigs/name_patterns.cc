@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <map>
 #include <set>
 
 #include "base/ranges.h"
@@ -122,80 +121,6 @@ std::optional<std::vector<std::string>> JoinTellingParts(
   return telling;
 }
 
-}  // namespace
-
-std::vector<std::string> SplitNameParts(const std::string& name,
-                                        bool splits_words) {
-  Parts parts;
-  for (size_t i = 0; i < name.size(); ++i) {
-    const CharKind kind = KindOf(name[i]);
-    const CharKind before = i == 0 ? CharKind::kSeparator : KindOf(name[i - 1]);
-    const bool continues = kind != CharKind::kSeparator &&
-                           before != CharKind::kSeparator &&
-                           (kind == before || !splits_words);
-    if (continues) {
-      parts.back() += name[i];
-    } else {
-      parts.emplace_back(1, name[i]);
-    }
-  }
-  return parts;
-}
-
-std::optional<std::string> MatchNamePattern(const std::string& name,
-                                            const std::string& pattern) {
-  std::string found;
-  size_t position = 0, begin = 0;
-  while (true) {
-    const size_t star = pattern.find(kStar, begin);
-    const std::string text = pattern.substr(begin, star - begin);
-    const bool is_last = star == std::string::npos;
-    size_t at = begin == 0 ? 0 : name.find(text, position);
-    if (is_last && begin > 0 && name.size() >= position + text.size()) {
-      at = name.size() - text.size();
-    }
-    if (at == std::string::npos || name.compare(at, text.size(), text) != 0) {
-      return std::nullopt;
-    }
-    if (begin > 0) {
-      found +=
-          (found.empty() ? "" : "_") + name.substr(position, at - position);
-    }
-    position = at + text.size();
-    if (is_last) break;
-    begin = star + 1;
-  }
-  if (position != name.size()) return std::nullopt;
-  return found;
-}
-
-std::vector<std::vector<std::string>> FindNamePatterns(
-    const NameGroups& groups) {
-  std::vector<std::vector<std::string>> ways;
-  for (const bool splits_words : {false, true}) {
-    std::vector<std::string> patterns;
-    for (const auto& [camera, names] : groups) {
-      const auto parts = FindCommonParts(names, splits_words);
-      if (!parts) break;
-      patterns.push_back(ToPattern(*parts));
-    }
-    if (patterns.size() == groups.size()) ways.push_back(std::move(patterns));
-  }
-  ways.push_back(Transformed(
-      groups, [](const auto& group) { return PatternOfEnds(group.second); }));
-  return ways;
-}
-
-std::optional<std::vector<std::string>> FindTellingParts(
-    const NameGroups& groups) {
-  for (const bool splits_words : {false, true}) {
-    if (auto parts = JoinTellingParts(groups, splits_words)) return parts;
-  }
-  return std::nullopt;
-}
-
-namespace {
-
 // Unnamed groups are ignored.
 struct NameRule {
   explicit NameRule(const std::string& rule);
@@ -305,6 +230,76 @@ ImageKeys KeysOfMatch(const std::string& name, const Texts& texts,
 }
 
 }  // namespace
+
+std::vector<std::string> SplitNameParts(const std::string& name,
+                                        bool splits_words) {
+  Parts parts;
+  for (size_t i = 0; i < name.size(); ++i) {
+    const CharKind kind = KindOf(name[i]);
+    const CharKind before = i == 0 ? CharKind::kSeparator : KindOf(name[i - 1]);
+    const bool continues = kind != CharKind::kSeparator &&
+                           before != CharKind::kSeparator &&
+                           (kind == before || !splits_words);
+    if (continues) {
+      parts.back() += name[i];
+    } else {
+      parts.emplace_back(1, name[i]);
+    }
+  }
+  return parts;
+}
+
+std::optional<std::string> MatchNamePattern(const std::string& name,
+                                            const std::string& pattern) {
+  std::string found;
+  size_t position = 0, begin = 0;
+  while (true) {
+    const size_t star = pattern.find(kStar, begin);
+    const std::string text = pattern.substr(begin, star - begin);
+    const bool is_last = star == std::string::npos;
+    size_t at = begin == 0 ? 0 : name.find(text, position);
+    if (is_last && begin > 0 && name.size() >= position + text.size()) {
+      at = name.size() - text.size();
+    }
+    if (at == std::string::npos || name.compare(at, text.size(), text) != 0) {
+      return std::nullopt;
+    }
+    if (begin > 0) {
+      found +=
+          (found.empty() ? "" : "_") + name.substr(position, at - position);
+    }
+    position = at + text.size();
+    if (is_last) break;
+    begin = star + 1;
+  }
+  if (position != name.size()) return std::nullopt;
+  return found;
+}
+
+std::vector<std::vector<std::string>> FindNamePatterns(
+    const NameGroups& groups) {
+  std::vector<std::vector<std::string>> ways;
+  for (const bool splits_words : {false, true}) {
+    std::vector<std::string> patterns;
+    for (const auto& [camera, names] : groups) {
+      const auto parts = FindCommonParts(names, splits_words);
+      if (!parts) break;
+      patterns.push_back(ToPattern(*parts));
+    }
+    if (patterns.size() == groups.size()) ways.push_back(std::move(patterns));
+  }
+  ways.push_back(Transformed(
+      groups, [](const auto& group) { return PatternOfEnds(group.second); }));
+  return ways;
+}
+
+std::optional<std::vector<std::string>> FindTellingParts(
+    const NameGroups& groups) {
+  for (const bool splits_words : {false, true}) {
+    if (auto parts = JoinTellingParts(groups, splits_words)) return parts;
+  }
+  return std::nullopt;
+}
 
 RigAssignment AssignByRule(const RigInput& input, const std::string& rule,
                            const TimedImages* times, const Context& context) {

@@ -235,26 +235,6 @@ std::optional<RigRuleSuggestion> Suggest(const RigInput& input,
   return std::nullopt;
 }
 
-}  // namespace
-
-std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input) {
-  for (const bool splits_words : {false, true}) {
-    std::vector<NameParts> names;
-    for (const ImageRow& image : input.contents.images) {
-      names.push_back(SplitNameParts(image.name, splits_words));
-      if (names.back().size() != names.front().size()) break;
-    }
-    if (names.empty() || names.size() != input.contents.images.size() ||
-        names.back().size() != names.front().size()) {
-      continue;
-    }
-    if (auto suggestion = Suggest(input, names)) return suggestion;
-  }
-  return std::nullopt;
-}
-
-namespace {
-
 // The best level must exceed the next by this factor in images that share
 // frames. If a tenth of 100 images is missing at random, two equal levels never
 // differ as much (docs/results/constants.md).
@@ -493,6 +473,22 @@ std::optional<RigAssignment> AssignByFoundRule(
 }
 
 }  // namespace
+
+std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input) {
+  for (const bool splits_words : {false, true}) {
+    std::vector<NameParts> names;
+    for (const ImageRow& image : input.contents.images) {
+      names.push_back(SplitNameParts(image.name, splits_words));
+      if (names.back().size() != names.front().size()) break;
+    }
+    if (names.empty() || names.size() != input.contents.images.size() ||
+        names.back().size() != names.front().size()) {
+      continue;
+    }
+    if (auto suggestion = Suggest(input, names)) return suggestion;
+  }
+  return std::nullopt;
+}
 
 RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
                               const Context& context) {
