@@ -51,7 +51,7 @@ namespace {
 // "NAME: words"; lines without a name are called P0, P1, ...
 struct Line {
   std::string place;
-  std::vector<std::string> words;
+  std::string words;
 };
 
 using Lines = std::map<std::string, Line>;
@@ -64,9 +64,8 @@ Lines ParseLines(const std::string& text, const std::string& path) {
     const std::string_view line = text_lines.line();
     const size_t colon = line.find(':');
     const bool has_name = colon != std::string_view::npos;
-    Line parsed{text_lines.Place(), {}};
-    for (const auto word : SplitWords(has_name ? line.substr(colon + 1) : line))
-      parsed.words.emplace_back(word);
+    Line parsed{text_lines.Place(),
+                std::string(has_name ? line.substr(colon + 1) : line)};
     const std::string name(has_name ? line.substr(0, colon)
                                     : "P" + std::to_string(num_unnamed++));
     if (!lines.emplace(name, std::move(parsed)).second) {
@@ -79,7 +78,7 @@ Lines ParseLines(const std::string& text, const std::string& path) {
 
 std::vector<double> Numbers(const Line& line, size_t size) {
   std::vector<double> numbers;
-  for (const std::string& word : line.words) {
+  for (const std::string_view word : SplitWords(line.words)) {
     const auto number = ParseDouble(word);
     if (!number) {
       throw Error(line.place + " has '" + Printable(word) +
@@ -144,15 +143,13 @@ Lines ReadPosesInVehicle(const std::filesystem::path& path) {
 }
 
 bool IsProjection(const Line& line) {
-  std::vector<double> n;
-  for (const std::string& word : line.words) {
-    const auto number = ParseDouble(word);
-    if (number) n.push_back(*number);
-  }
+  const auto numbers = ParseNumbers(line.words);
+  if (!numbers || numbers->size() != 12) return false;
   // Unlike a projection matrix, a pose, which also has 12 numbers, has no entry
   // as large as a focal length.
-  return n.size() == 12 && line.words.size() == 12 && n[0] > 10.0 &&
-         n[4] == 0.0 && n[8] == 0.0 && n[9] == 0.0 && n[10] == 1.0;
+  const double* n = numbers->data();
+  return n[0] > 10.0 && n[4] == 0.0 && n[8] == 0.0 && n[9] == 0.0 &&
+         n[10] == 1.0;
 }
 
 bool IsKitti(const std::string& text) {

@@ -23,6 +23,13 @@ size_t NumUsed(const std::vector<double>& coefficients) {
   return size;
 }
 
+// Sets why_no_model; `expected` is appended to "give ".
+void SetWrongCount(size_t num_coefficients, const std::string& expected,
+                   CalibratedCamera* camera) {
+  camera->why_no_model = "has " + std::to_string(num_coefficients) +
+                         " coefficients of distortion; give " + expected;
+}
+
 // k1 k2 p1 p2 k3 k4 k5 k6, then those of thin prisms and tilted sensors.
 void SetRadialTangential(std::vector<double> coefficients,
                          CalibratedCamera* camera) {
@@ -218,12 +225,6 @@ void SetMatrixAndLens(const std::vector<double>& K, int num_columns,
     camera->why_no_model =
         "has a camera matrix with skew or other unexpected entries; correct it";
   }
-}
-
-void SetWrongCount(size_t num_coefficients, const std::string& expected,
-                   CalibratedCamera* camera) {
-  camera->why_no_model = "has " + std::to_string(num_coefficients) +
-                         " coefficients of distortion; give " + expected;
 }
 
 void SetUnknownLens(const std::string& name, CalibratedCamera* camera) {

@@ -33,77 +33,24 @@ double Extent(const PoseModel& poses) {
   return box.diagonal().norm();
 }
 
-class TableCheck {
- public:
-  TableCheck(const PoseModel& poses, const fs::path& folder)
-      : folder_(folder),
-        images_(poses.images),
-        max_distance_(kMaxContradiction * Extent(poses) + 1e-12),
-        image_of_id_(IndexById(poses.images)) {
-    std::set<CameraId> cameras;
-    for (const RigRow& rig : poses.rigs) {
-      for (const RigSensorRow& sensor : rig.sensors) {
-        sensor_from_rig_[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
-        if (cameras.insert(sensor.camera_id).second) continue;
-        ThrowModelError(
-            folder, "rig " + std::to_string(rig.id.value()) + " has camera " +
-                        std::to_string(sensor.camera_id.value()) +
-                        ", which it or another rig has already; write the "
-                        "model again with the program that made it");
-      }
+using SensorPoses = std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>>;
+
+SensorPoses ReadSensorPoses(const std::vector<RigRow>& rigs,
+                            const fs::path& folder) {
+  SensorPoses sensor_from_rig;
+  std::set<CameraId> cameras;
+  for (const RigRow& rig : rigs) {
+    for (const RigSensorRow& sensor : rig.sensors) {
+      sensor_from_rig[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
+      if (cameras.insert(sensor.camera_id).second) continue;
+      ThrowModelError(
+          folder, "rig " + std::to_string(rig.id.value()) + " has camera " +
+                      std::to_string(sensor.camera_id.value()) +
+                      ", which it or another rig has already; write the model "
+                      "again with the program that made it");
     }
   }
-
-  void Check(const ModelFrame& frame) {
-    for (const ImageId id : frame.image_ids) {
-      const auto image = image_of_id_.find(id);
-      if (image == image_of_id_.end()) continue;
-      CheckImage(frame, images_[image->second]);
-    }
-  }
-
- private:
-  void CheckImage(const ModelFrame& frame, const ModelImage& image);
-  [[noreturn]] void Throw(const ModelFrame& frame, const ModelImage& image,
-                          const std::string& problem) const {
-    ThrowModelError(
-        folder_,
-        "image '" + image.name + "' " + problem + " of its frame " +
-            std::to_string(frame.id.value()) +
-            "; if another program wrote the images, its rigs and frames are of "
-            "an earlier model: remove the files rigs and frames, or set "
-            "rig_name_rule or rig_config_path");
-  }
-
-  const fs::path& folder_;
-  const std::vector<ModelImage>& images_;
-  const double max_distance_;
-  std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> sensor_from_rig_;
-  const std::map<ImageId, int> image_of_id_;
-  std::set<ImageId> in_frames_;
-};
-
-void TableCheck::CheckImage(const ModelFrame& frame, const ModelImage& image) {
-  if (!in_frames_.insert(image.id).second) {
-    Throw(frame, image, "is in another frame, too, and");
-  }
-  const auto sensor = sensor_from_rig_.find({frame.rig_id, image.camera_id});
-  if (sensor == sensor_from_rig_.end()) {
-    Throw(frame, image,
-          "has the camera " + std::to_string(image.camera_id.value()) +
-              ", which is not in the rig");
-  }
-  if (!sensor->second) return;
-  const Rigid3 expected = *sensor->second * frame.rig_from_world;
-  const double angle_rad =
-      AngleBetween(expected.rotation, image.cam_from_world.rotation);
-  const double distance =
-      (expected.Center() - image.cam_from_world.Center()).norm();
-  if (angle_rad <= kMaxContradiction && distance <= max_distance_) return;
-  const std::string numbers =
-      Formatted("has a pose that differs by %.3g deg and %.3g from that",
-                RadToDeg(angle_rad), distance);
-  Throw(frame, image, numbers);
+  return sensor_from_rig;
 }
 
 // Determines a fraction within 1 % at constant cost.
@@ -188,8 +135,41 @@ constexpr double kMaxKnownShift = 0.05;
 
 void CheckModelTables(const PoseModel& poses, const fs::path& folder) {
   if (poses.rigs.empty()) return;
-  TableCheck check(poses, folder);
-  for (const ModelFrame& frame : poses.frames) check.Check(frame);
+  const double max_distance = kMaxContradiction * Extent(poses) + 1e-12;
+  const SensorPoses sensor_from_rig = ReadSensorPoses(poses.rigs, folder);
+  const auto image_of_id = IndexById(poses.images);
+  std::set<ImageId> in_frames;
+  for (const ModelFrame& frame : poses.frames) {
+    for (const ImageId id : frame.image_ids) {
+      const auto found = image_of_id.find(id);
+      if (found == image_of_id.end()) continue;
+      const ModelImage& image = poses.images[found->second];
+      const auto fail = [&](const std::string& problem) {
+        ThrowModelError(
+            folder,
+            "image '" + image.name + "' " + problem + " of its frame " +
+                std::to_string(frame.id.value()) +
+                "; if another program wrote the images, its rigs and frames "
+                "are of an earlier model: remove the files rigs and frames, or "
+                "set rig_name_rule or rig_config_path");
+      };
+      if (!in_frames.insert(id).second) fail("is in another frame, too, and");
+      const auto sensor = sensor_from_rig.find({frame.rig_id, image.camera_id});
+      if (sensor == sensor_from_rig.end()) {
+        fail("has the camera " + std::to_string(image.camera_id.value()) +
+             ", which is not in the rig");
+      }
+      if (!sensor->second) continue;
+      const Rigid3 expected = *sensor->second * frame.rig_from_world;
+      const double angle_rad =
+          AngleBetween(expected.rotation, image.cam_from_world.rotation);
+      const double distance =
+          (expected.Center() - image.cam_from_world.Center()).norm();
+      if (angle_rad <= kMaxContradiction && distance <= max_distance) continue;
+      fail(Formatted("has a pose that differs by %.3g deg and %.3g from that",
+                     RadToDeg(angle_rad), distance));
+    }
+  }
 }
 
 void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {

@@ -60,8 +60,7 @@ std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
     const auto numbers = ParseNumbers(lines.line());
     std::optional<Rigid3> world_from_cam;
     if (numbers && numbers->size() == 12) {
-      world_from_cam =
-          RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers->data()));
+      world_from_cam = RigidFromNumbers(*numbers);
     }
     if (!world_from_cam) {
       lines.Throw("expected a 3x4 pose matrix (12 numbers)");
