@@ -20,7 +20,6 @@ struct MessageHeader {
 };
 
 struct ImageMessage {
-  MessageHeader header;
   uint32_t height_px = 0;
   uint32_t width_px = 0;
   std::string encoding;
@@ -30,13 +29,11 @@ struct ImageMessage {
 };
 
 struct CompressedImageMessage {
-  MessageHeader header;
   std::string format;
   std::string_view data;
 };
 
 struct CameraInfoMessage {
-  MessageHeader header;
   uint32_t height_px = 0;
   uint32_t width_px = 0;
   std::string distortion_model;

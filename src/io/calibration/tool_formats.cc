@@ -73,8 +73,7 @@ std::optional<std::string> CameraOfTopic(std::string topic) {
   const std::vector<std::string> generic = {"camera", "compressed", "rgb"};
   while (!topic.empty()) {
     const size_t slash = topic.rfind('/');
-    const std::string part =
-        topic.substr(slash == std::string::npos ? 0 : slash + 1);
+    const std::string part = topic.substr(slash + 1);
     topic.erase(slash == std::string::npos ? 0 : slash);
     const bool is_generic = part.empty() || part.compare(0, 5, "image") == 0 ||
                             Contains(generic, part);

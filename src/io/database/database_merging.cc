@@ -390,8 +390,7 @@ DatabaseMergeSummary MergeFeatures(const std::vector<Input>& inputs,
   std::vector<StructureInput> structures;
   for (const Input& input : inputs) {
     const SqliteSnapshot snapshot(input.given.path);
-    structures.push_back({input.given.path, input.given.prefix,
-                          input.given.vehicle,
+    structures.push_back({input.given,
                           ReadStructure(snapshot.database(), context),
                           ReadShardCameras(snapshot.database())});
   }

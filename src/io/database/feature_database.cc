@@ -106,8 +106,9 @@ class FeatureDatabase::Impl {
     return static_cast<uint32_t>(last.Int(0));
   }
 
-  bool none_is_null() const { return none_is_null_; }
-  bool descriptors_have_type() const { return descriptors_have_type_; }
+  // Of the tables.
+  bool none_is_null = false;
+  bool descriptors_have_type = false;
 
  private:
   void CheckTables() const;
@@ -124,8 +125,6 @@ class FeatureDatabase::Impl {
   bool is_new_ = false;  // there was no file, and nothing has been written
   bool tables_are_pending_ = false;
   bool is_in_transaction_ = false;
-  bool none_is_null_ = false;
-  bool descriptors_have_type_ = false;
   bool images_have_priors_ = false;
   std::set<std::string> prior_columns_;
   std::set<std::string> prior_columns_before_;  // when the transaction began
@@ -151,8 +150,8 @@ FeatureDatabase::Impl::Impl(const std::string& path, OpenMode mode) {
   }
   SqliteStatement version = database().Prepare("PRAGMA user_version");
   version.Step();
-  none_is_null_ = version.Int(0) >= kFirstVersionWithNull;
-  descriptors_have_type_ = database().Columns("descriptors").count("type") > 0;
+  none_is_null = version.Int(0) >= kFirstVersionWithNull;
+  descriptors_have_type = database().Columns("descriptors").count("type") > 0;
   prior_columns_ = database().Columns("pose_priors");
   images_have_priors_ = database().Columns("images").count("prior_tx") > 0;
 }
@@ -485,7 +484,7 @@ void FeatureDatabase::WriteDescriptors(ImageId image_id,
   // The last parameter is that of data: SQLite ignores one below it that does
   // not occur.
   impl_->Run(
-      impl_->descriptors_have_type()
+      impl_->descriptors_have_type
           ? "INSERT OR REPLACE INTO descriptors (image_id, rows, cols, type, "
             "data) VALUES (?1, ?2, ?3, ?4, ?5)"
           : "INSERT OR REPLACE INTO descriptors (image_id, rows, cols, data) "
@@ -514,11 +513,11 @@ void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
       "(pair_id, rows, cols, data, config, F, E, H, qvec, tvec) "
       "VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
   if (pair.image_id1 < pair.image_id2) {
-    return WriteTwoViewGeometryRow(pair, impl_->none_is_null(), &row);
+    return WriteTwoViewGeometryRow(pair, impl_->none_is_null, &row);
   }
   TwoViewGeometryRow swapped = pair;
   SwapImages(&swapped);
-  WriteTwoViewGeometryRow(swapped, impl_->none_is_null(), &row);
+  WriteTwoViewGeometryRow(swapped, impl_->none_is_null, &row);
 }
 
 void FeatureDatabase::AddSingleImageFrame(ImageId image_id,

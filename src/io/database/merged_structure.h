@@ -8,15 +8,13 @@
 #include <unordered_map>
 #include <vector>
 
+#include "database/database_merging.h"
 #include "mgsfm/database/database.h"
 
 namespace mgsfm {
 
 // The cameras, images, rigs and frames of one of the databases to merge.
-struct StructureInput {
-  std::string path;
-  std::string prefix;   // of the image names in the result
-  std::string vehicle;  // shares cameras and rigs; "" for none
+struct StructureInput : MergeInput {
   DatabaseContents contents;
   std::map<CameraId, std::string> shard_cameras;  // see database_shard.h
 };
