@@ -15,7 +15,6 @@
 #include "cmd_matching.h"
 #include "command.h"
 #include "commands.h"
-#include "files/image_limits.h"
 #include "files/image_reading.h"
 #include "files/staged_output.h"
 #include "geometry/so3.h"

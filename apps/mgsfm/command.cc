@@ -20,7 +20,6 @@
 #include "base/text_tools.h"
 #include "database/sqlite_database.h"
 #include "files/file_operations.h"
-#include "files/image_limits.h"
 #include "files/image_reading.h"
 #include "files/model_files.h"
 #include "help.h"

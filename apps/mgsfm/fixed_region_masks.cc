@@ -81,7 +81,7 @@ std::string WriteMasks(const fs::path& folder, const Scene& scene,
   const std::map<std::string, MaskKey> of_folder =
       FindMaskOfFolders(scene, files);
   for (const auto& [image_folder, key] : of_folder) {
-    WriteMask(CameraMaskPathOf(folder, image_folder), files.at(key));
+    WriteMask(MaskPathOf(folder, image_folder), files.at(key));
   }
   const std::string give = ": give '" + folder.string() + "' to ImageReader.";
   if (!of_folder.empty()) {

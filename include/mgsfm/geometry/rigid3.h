@@ -30,6 +30,11 @@ struct Rigid3 {
     const Eigen::Quaterniond inverse = rotation.conjugate();
     return {inverse, -(inverse * translation)};
   }
+  // To the last bit.
+  friend bool operator==(const Rigid3& a, const Rigid3& b) {
+    return a.rotation.coeffs() == b.rotation.coeffs() &&
+           a.translation == b.translation;
+  }
 };
 
 inline Eigen::Vector3d operator*(const Rigid3& b_from_a,

@@ -15,7 +15,6 @@
 #include "base/text_lines.h"
 #include "base/text_tools.h"
 #include "exchange/import_formats.h"
-#include "files/image_limits.h"
 #include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "scene/intrinsics_check.h"

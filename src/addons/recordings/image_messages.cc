@@ -11,8 +11,6 @@
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "files/file_operations.h"
-#include "files/image_limits.h"
-#include "files/image_reading.h"
 #include "files/image_writing.h"
 #include "mgsfm/base/error.h"
 #include "recordings/byte_reader.h"

@@ -2,7 +2,6 @@
 #include "recordings/recording.h"
 
 #include <algorithm>
-#include <map>
 #include <tuple>
 
 #include "base/file_reading.h"
@@ -70,14 +69,13 @@ int RecordingFile::TopicIdx(const std::string& name, std::string type,
   // ROS 2 says "sensor_msgs/msg/Image".
   const size_t middle = type.find("/msg/");
   if (middle != std::string::npos) type.erase(middle, 4);
-  const auto found =
+  auto found =
       std::find_if(topics_.begin(), topics_.end(), [&](const auto& topic) {
         return topic.name == name && topic.type == type &&
                topic.encoding == encoding;
       });
   if (found == topics_.end()) {
-    topics_.push_back({name, type, encoding, 0});
-    return static_cast<int>(topics_.size()) - 1;
+    found = topics_.insert(found, {name, type, encoding, 0});
   }
   return static_cast<int>(found - topics_.begin());
 }
@@ -160,11 +158,10 @@ Recording::Recording(const std::vector<fs::path>& paths,
   if (paths_.empty()) throw Error("recording_path names no recording");
   first_ns_ = std::numeric_limits<int64_t>::max();
   last_ns_ = std::numeric_limits<int64_t>::min();
-  using Key = std::tuple<std::string, std::string, std::string>;
   const auto key_of = [](const RecordingTopic& topic) {
-    return Key(topic.name, topic.type, topic.encoding);
+    return std::make_tuple(topic.name, topic.type, topic.encoding);
   };
-  std::map<Key, uint64_t> counts;
+  std::map<std::tuple<std::string, std::string, std::string>, uint64_t> counts;
   for (const fs::path& path : paths_) {
     files_.push_back(OpenFile(path, context));
     first_ns_ = std::min(first_ns_, files_.back()->first_ns());
@@ -173,17 +170,16 @@ Recording::Recording(const std::vector<fs::path>& paths,
       counts[key_of(topic)] += topic.num_messages;
     }
   }
-  std::map<Key, int> idx_of_key;
   for (const auto& [key, count] : counts) {
-    idx_of_key[key] = static_cast<int>(topics_.size());
     const auto& [name, type, encoding] = key;
     topics_.push_back({name, type, encoding, count});
   }
   for (const auto& file : files_) {
-    topic_of_file_.emplace_back();
-    for (const RecordingTopic& topic : file->topics()) {
-      topic_of_file_.back().push_back(idx_of_key.at(key_of(topic)));
-    }
+    topic_of_file_.push_back(
+        Transformed(file->topics(), [&](const RecordingTopic& topic) {
+          return static_cast<int>(
+              std::distance(counts.begin(), counts.find(key_of(topic))));
+        }));
   }
 }
 

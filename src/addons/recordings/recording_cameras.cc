@@ -5,29 +5,27 @@
 #include <cctype>
 #include <set>
 
+#include "base/ranges.h"
 #include "base/text_tools.h"
 #include "calibration/calibration.h"
 #include "calibration/lens_models.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 #include "recordings/image_messages.h"
+#include "rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {
 
-std::vector<std::string> TopicParts(const std::string& topic) {
-  std::vector<std::string> parts(1);
-  for (const char c : topic) {
-    if (c == '/') {
-      parts.emplace_back();
-    } else {
-      // Folders have letters, digits, '_' and '-' only.
-      const bool is_kept =
-          std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '-';
-      parts.back() += is_kept ? c : '_';
-    }
+// Folders have letters, digits, '_' and '-' only.
+std::vector<std::string> TopicParts(std::string topic) {
+  for (char& c : topic) {
+    const bool is_kept = std::isalnum(static_cast<unsigned char>(c)) != 0 ||
+                         c == '-' || c == '/';
+    if (!is_kept) c = '_';
   }
-  parts.erase(std::remove(parts.begin(), parts.end(), ""), parts.end());
+  std::vector<std::string> parts = SplitPath(topic);
+  EraseIf(&parts, [](const std::string& part) { return part.empty(); });
   return parts;
 }
 
@@ -54,12 +52,9 @@ std::string NamespaceOf(const std::string& topic) {
 
 std::string FolderOfParts(const std::vector<std::string>& parts,
                           size_t num_last) {
-  std::string folder;
-  for (size_t i = parts.size() - std::min(num_last, parts.size());
-       i < parts.size(); ++i) {
-    folder += (folder.empty() ? "" : "_") + parts[i];
-  }
-  return folder.empty() ? "camera" : folder;
+  if (parts.empty()) return "camera";
+  const size_t begin = parts.size() - std::min(num_last, parts.size());
+  return Joined(std::vector(parts.begin() + begin, parts.end()), "_");
 }
 
 // The shortest distinct ends of the namespaces, or else of the topics.
@@ -150,7 +145,7 @@ std::vector<int> TopicsOfList(const Recording& recording,
                   found->encoding + "'; convert it to cdr or ros1");
     }
     const auto idx = static_cast<int>(found - topics.begin());
-    if (std::count(chosen.begin(), chosen.end(), idx) > 0) {
+    if (Contains(chosen, idx)) {
       throw Error(subject + " is listed twice; list it once");
     }
     chosen.push_back(idx);
@@ -171,60 +166,6 @@ int InfoTopicOf(const std::string& image_topic,
   }
   return -1;
 }
-
-}  // namespace
-
-std::vector<RecordedCamera> ChooseCameras(const Recording& recording,
-                                          const std::string& image_topics,
-                                          const Context& context) {
-  const std::vector<RecordingTopic>& topics = recording.topics();
-  const std::vector<std::string> names = SplitList(image_topics);
-  const std::vector<int> chosen = names.empty()
-                                      ? TopicsByDefault(topics, context)
-                                      : TopicsOfList(recording, names);
-  if (chosen.empty()) {
-    throw Error("recording " + recording.Name() +
-                " has no topic of images; run recording_importer without "
-                "output_path to list the topics");
-  }
-  std::vector<RecordedCamera> cameras;
-  for (const int topic_idx : chosen) {
-    RecordedCamera camera;
-    camera.topic_idx = topic_idx;
-    camera.info_topic_idx = InfoTopicOf(topics[topic_idx].name, topics);
-    camera.is_rectified = LastPart(RawTopicOf(topics[topic_idx].name))
-                              .compare(0, 10, "image_rect") == 0;
-    cameras.push_back(std::move(camera));
-  }
-  NameFolders(topics, &cameras);
-  return cameras;
-}
-
-void StaticFrames::Add(const TransformMessage& transform) {
-  parent_of_[transform.child] = {transform.parent, transform.parent_from_child};
-}
-
-std::pair<std::string, Rigid3> StaticFrames::RootFrom(std::string frame) const {
-  Rigid3 root_from_frame;
-  // A cycle ends after as many steps as there are transforms.
-  for (size_t i = 0; i < parent_of_.size(); ++i) {
-    const auto found = parent_of_.find(frame);
-    if (found == parent_of_.end()) break;
-    root_from_frame = found->second.second * root_from_frame;
-    frame = found->second.first;
-  }
-  return {frame, root_from_frame};
-}
-
-std::optional<Rigid3> StaticFrames::Between(const std::string& to,
-                                            const std::string& from) const {
-  const auto [root_of_to, root_from_to] = RootFrom(to);
-  const auto [root_of_from, root_from_from] = RootFrom(from);
-  if (root_of_to != root_of_from) return std::nullopt;
-  return root_from_to.Inverse() * root_from_from;
-}
-
-namespace {
 
 // The lens of the images: of rectified ones, that of the projection matrix.
 CalibratedCamera LensOf(const RecordedCamera& camera) {
@@ -287,11 +228,7 @@ void SetIntrinsics(const RecordedCamera& camera, const std::string& topic,
 // From the camera of the images to its frame: rectification turns images.
 std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera) {
   if (!camera.is_rectified || !camera.info) return Rigid3();
-  RigidMatrix matrix = RigidMatrix::Zero();
-  matrix.leftCols<3>() =
-      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
-          camera.info->R.data());
-  return RigidFromMatrix(matrix);
+  return RigidFromRotation(camera.info->R.data());
 }
 
 // nullopt if it is unknown.
@@ -321,6 +258,56 @@ std::optional<Rigid3> CamFromReference(const RecordedCamera& camera,
 }
 
 }  // namespace
+
+std::vector<RecordedCamera> ChooseCameras(const Recording& recording,
+                                          const std::string& image_topics,
+                                          const Context& context) {
+  const std::vector<RecordingTopic>& topics = recording.topics();
+  const std::vector<std::string> names = SplitList(image_topics);
+  const std::vector<int> chosen = names.empty()
+                                      ? TopicsByDefault(topics, context)
+                                      : TopicsOfList(recording, names);
+  if (chosen.empty()) {
+    throw Error("recording " + recording.Name() +
+                " has no topic of images; run recording_importer without "
+                "output_path to list the topics");
+  }
+  std::vector<RecordedCamera> cameras;
+  for (const int topic_idx : chosen) {
+    RecordedCamera camera;
+    camera.topic_idx = topic_idx;
+    camera.info_topic_idx = InfoTopicOf(topics[topic_idx].name, topics);
+    camera.is_rectified = LastPart(RawTopicOf(topics[topic_idx].name))
+                              .compare(0, 10, "image_rect") == 0;
+    cameras.push_back(std::move(camera));
+  }
+  NameFolders(topics, &cameras);
+  return cameras;
+}
+
+void StaticFrames::Add(const TransformMessage& transform) {
+  parent_of_[transform.child] = {transform.parent, transform.parent_from_child};
+}
+
+std::pair<std::string, Rigid3> StaticFrames::RootFrom(std::string frame) const {
+  Rigid3 root_from_frame;
+  // A cycle ends after as many steps as there are transforms.
+  for (size_t i = 0; i < parent_of_.size(); ++i) {
+    const auto found = parent_of_.find(frame);
+    if (found == parent_of_.end()) break;
+    root_from_frame = found->second.second * root_from_frame;
+    frame = found->second.first;
+  }
+  return {frame, root_from_frame};
+}
+
+std::optional<Rigid3> StaticFrames::Between(const std::string& to,
+                                            const std::string& from) const {
+  const auto [root_of_to, root_from_to] = RootFrom(to);
+  const auto [root_of_from, root_from_from] = RootFrom(from);
+  if (root_of_to != root_of_from) return std::nullopt;
+  return root_from_to.Inverse() * root_from_from;
+}
 
 std::optional<RigConfig> MakeRecordedRig(
     const std::vector<RecordedCamera>& cameras, const StaticFrames& frames,

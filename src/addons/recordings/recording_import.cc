@@ -546,9 +546,7 @@ std::string ListTopics(const std::vector<fs::path>& paths,
     text += Formatted("%10.0f", count) + rate + "  " + Printable(topic.type) +
             std::string(type_width - topic.type.size(), ' ') + "  " +
             Printable(topic.name);
-    const bool is_readable =
-        topic.encoding == "ros1" || topic.encoding == "cdr";
-    text += is_readable
+    text += topic.IsReadable()
                 ? "\n"
                 : " (" + Printable(topic.encoding) + ", cannot be imported)\n";
   }

@@ -114,7 +114,7 @@ ImageMessage ReadImageMessage(std::string_view message,
                               const std::string& encoding) {
   MessageReader reader(message, encoding);
   ImageMessage image;
-  image.header = reader.TakeHeader();
+  (void)reader.TakeHeader();
   image.height_px = reader.Take<uint32_t>();
   image.width_px = reader.Take<uint32_t>();
   image.encoding = reader.TakeText();
@@ -128,7 +128,7 @@ CompressedImageMessage ReadCompressedImageMessage(std::string_view message,
                                                   const std::string& encoding) {
   MessageReader reader(message, encoding);
   CompressedImageMessage image;
-  image.header = reader.TakeHeader();
+  (void)reader.TakeHeader();
   image.format = reader.TakeText();
   image.data = reader.TakeBytes();
   return image;
@@ -138,7 +138,7 @@ CameraInfoMessage ReadCameraInfoMessage(std::string_view message,
                                         const std::string& encoding) {
   MessageReader reader(message, encoding);
   CameraInfoMessage info;
-  info.header = reader.TakeHeader();
+  (void)reader.TakeHeader();
   info.height_px = reader.Take<uint32_t>();
   info.width_px = reader.Take<uint32_t>();
   info.distortion_model = reader.TakeText();

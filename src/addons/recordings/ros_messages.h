@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <string>
@@ -21,7 +20,6 @@ struct MessageHeader {
 };
 
 struct ImageMessage {
-  MessageHeader header;
   uint32_t height_px = 0;
   uint32_t width_px = 0;
   std::string encoding;
@@ -31,13 +29,11 @@ struct ImageMessage {
 };
 
 struct CompressedImageMessage {
-  MessageHeader header;
   std::string format;
   std::string_view data;
 };
 
 struct CameraInfoMessage {
-  MessageHeader header;
   uint32_t height_px = 0;
   uint32_t width_px = 0;
   std::string distortion_model;

@@ -18,8 +18,8 @@ class SqliteBag : public RecordingFile {
       : path_(path), database_(Open(path)) {
     for (const char* table : {"topics", "messages"}) {
       if (database_.HasTable(table)) continue;
-      Throw(std::string("has no table '") + table +
-            "'; give a .db3 file of rosbag2");
+      throw Error("recording '" + path.string() + "' has no table '" + table +
+                  "'; give a .db3 file of rosbag2");
     }
     SqliteStatement rows = database_.Prepare(
         "SELECT id, name, type, serialization_format FROM topics ORDER BY id");
@@ -44,9 +44,6 @@ class SqliteBag : public RecordingFile {
             const MessageSink& sink) override;
 
  private:
-  [[noreturn]] void Throw(const std::string& problem) const {
-    throw Error("recording '" + path_.string() + "' " + problem);
-  }
   static SqliteDatabase Open(const fs::path& path);
 
   const fs::path path_;

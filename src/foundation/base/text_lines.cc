@@ -84,6 +84,12 @@ std::string TextLines::Place() const {
   return source_.what + ", line " + std::to_string(number_);
 }
 
+double TextLines::Number(std::string_view word) const {
+  if (const std::optional<double> number = ParseDouble(word)) return *number;
+  Throw("has '" + Printable(word) +
+        "' where a finite number should be; correct it");
+}
+
 void TextLines::Throw(const std::string& problem) const {
   throw Error(Place() + ": " + problem);
 }

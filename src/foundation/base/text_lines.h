@@ -50,6 +50,8 @@ class TextLines {
   int number() const { return number_; }
   // "'poses.txt', line 3"
   std::string Place() const;
+  // The number that a word of the line must be.
+  double Number(std::string_view word) const;
   // Throws "'poses.txt', line 3: problem".
   [[noreturn]] void Throw(const std::string& problem) const;
 

@@ -27,6 +27,13 @@ std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a) {
   return RigidFromMatrix(Eigen::Map<const RigidMatrix>(b_from_a.data()));
 }
 
+std::optional<Rigid3> RigidFromRotation(const double* b_from_a) {
+  RigidMatrix matrix = RigidMatrix::Zero();
+  matrix.leftCols<3>() =
+      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(b_from_a);
+  return RigidFromMatrix(matrix);
+}
+
 Eigen::Quaterniond FromOrderXyzw(const Eigen::Quaterniond& read_as_wxyz) {
   return {read_as_wxyz.z(), read_as_wxyz.w(), read_as_wxyz.x(),
           read_as_wxyz.y()};

@@ -24,6 +24,9 @@ std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a);
 // nullopt also if the fourth row is not 0 0 0 1, as in a transposed matrix.
 std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a);
 
+// The same for the nine numbers of R in row-major order, without translation.
+std::optional<Rigid3> RigidFromRotation(const double* b_from_a);
+
 // The rotation of a quaternion in the order x, y, z, w whose numbers were read
 // as w, x, y, z.
 Eigen::Quaterniond FromOrderXyzw(const Eigen::Quaterniond& read_as_wxyz);

@@ -9,7 +9,7 @@
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
-#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "scene/intrinsics_check.h"

@@ -14,7 +14,6 @@
 #include "base/text_lines.h"
 #include "base/text_tools.h"
 #include "files/file_operations.h"
-#include "files/image_limits.h"
 #include "files/image_reading.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"

@@ -2,12 +2,10 @@
 #include "calibration/calibration.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <map>
 
 #include "base/file_reading.h"
 #include "base/ranges.h"
-#include "calibration/yaml_value.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "scene/intrinsics_check.h"
@@ -51,7 +49,7 @@ std::vector<fs::path> FilesIn(const fs::path& folder, bool has_subfolders) {
 }
 
 // nullopt if the file has no known format.
-std::optional<std::vector<CalibratedCamera>> ReadFormat(const fs::path& path) {
+FoundCameras ReadFormat(const fs::path& path) {
   if (HasExtension(path, {".xml", ".xmp", ".csv"})) {
     throw Error("'" + path.string() +
                 "' is of no format that is read; if it is a rig of Metashape "
@@ -60,18 +58,14 @@ std::optional<std::vector<CalibratedCamera>> ReadFormat(const fs::path& path) {
   }
   const std::string text = ReadFile(path);
   if (HasExtension(path, {".txt"})) {
-    if (IsKapture(text)) return ReadKapture(text, path);
-    if (!IsKitti(text)) return std::nullopt;
-    return ReadKitti(text, path);
+    auto cameras = ReadKapture(text, path);
+    return cameras ? cameras : ReadKitti(text, path);
   }
   const YamlValue file(path.string(), text);
-  if (IsEuroc(file)) return ReadEuroc(file, path);
-  if (IsCamodocal(file)) return ReadCamodocal(file, path);
-  if (IsArgoverse(file)) return ReadArgoverse(file);
-  if (IsNuScenes(file)) return ReadNuScenes(file, path);
-  if (IsOpenSfm(file)) return ReadOpenSfm(file, path);
-  if (IsOpenCv(file)) return ReadOpenCv(file, path);
-  if (IsKalibr(file)) return ReadKalibr(file);
+  for (const auto read : {ReadEuroc, ReadCamodocal, ReadArgoverse, ReadNuScenes,
+                          ReadOpenSfm, ReadOpenCv, ReadKalibr}) {
+    if (auto cameras = read(file, path)) return cameras;
+  }
   return std::nullopt;
 }
 

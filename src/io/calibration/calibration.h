@@ -53,64 +53,60 @@ struct CalibratedCamera {
 // naming file, line and remedy, if a file is malformed or there is no camera.
 std::vector<CalibratedCamera> ReadCalibration(const std::string& paths);
 
-// The formats of calibration files: a test and a reader for each. All readers
-// throw Error, naming file, line and remedy, for malformed values.
+// The cameras of a file; nullopt if it has another format.
+using FoundCameras = std::optional<std::vector<CalibratedCamera>>;
+
+// The readers of the formats. They throw Error, naming file, line and remedy,
+// for malformed values.
 
 // Kalibr: a map cam0, cam1, ... with camera_model, intrinsics,
 // distortion_model, distortion_coeffs and T_cn_cnm1 (from the camera before) or
 // T_cam_imu.
-bool IsKalibr(const YamlValue& file);
-std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file);
+FoundCameras ReadKalibr(const YamlValue& file,
+                        const std::filesystem::path& path);
 // Without the lenses, whose keys may be missing.
 std::vector<CalibratedCamera> ReadKalibrPoses(const YamlValue& file);
 
 // EuRoC: T_BS (body from sensor), intrinsics, distortion_coefficients. The
 // folder of the file names the camera.
-bool IsEuroc(const YamlValue& file);
-std::vector<CalibratedCamera> ReadEuroc(const YamlValue& file,
-                                        const std::filesystem::path& path);
+FoundCameras ReadEuroc(const YamlValue& file,
+                       const std::filesystem::path& path);
 
 // ROS camera_info and cv::FileStorage: camera_matrix and
 // distortion_coefficients. The optional rectification_matrix and
 // projection_matrix give the pose relative to the rectified left camera.
-bool IsOpenCv(const YamlValue& file);
-std::vector<CalibratedCamera> ReadOpenCv(const YamlValue& file,
-                                         const std::filesystem::path& path);
+FoundCameras ReadOpenCv(const YamlValue& file,
+                        const std::filesystem::path& path);
 
 // camodocal: model_type PINHOLE, KANNALA_BRANDT or MEI. The fisheyes of
 // KITTI-360 have poses in calib_cam_to_pose.txt beside the file.
-bool IsCamodocal(const YamlValue& file);
-std::vector<CalibratedCamera> ReadCamodocal(const YamlValue& file,
-                                            const std::filesystem::path& path);
+FoundCameras ReadCamodocal(const YamlValue& file,
+                           const std::filesystem::path& path);
 
 // nuScenes: an array of calibrated sensors with the table sensor.json beside
 // it, or a map from cameras to such objects.
-bool IsNuScenes(const YamlValue& file);
-std::vector<CalibratedCamera> ReadNuScenes(const YamlValue& file,
-                                           const std::filesystem::path& path);
+FoundCameras ReadNuScenes(const YamlValue& file,
+                          const std::filesystem::path& path);
 
 // Argoverse 1: camera_data_.
-bool IsArgoverse(const YamlValue& file);
-std::vector<CalibratedCamera> ReadArgoverse(const YamlValue& file);
+FoundCameras ReadArgoverse(const YamlValue& file,
+                           const std::filesystem::path& path);
 
 // KITTI: lines "P0: 12 numbers" or without names (odometry), or the P_rect_00,
 // S_rect_00, R_rect_00 of rectified images (raw data, KITTI-360).
-bool IsKitti(const std::string& text);
-std::vector<CalibratedCamera> ReadKitti(const std::string& text,
-                                        const std::filesystem::path& path);
+FoundCameras ReadKitti(const std::string& text,
+                       const std::filesystem::path& path);
 
 // OpenSfM: a map from rig cameras to rotation (angle-axis), translation, both
 // from rig to camera, and camera, a key of camera_models.json beside the file,
 // which may be missing (https://opensfm.org/docs/rig.html).
-bool IsOpenSfm(const YamlValue& file);
-std::vector<CalibratedCamera> ReadOpenSfm(const YamlValue& file,
-                                          const std::filesystem::path& path);
+FoundCameras ReadOpenSfm(const YamlValue& file,
+                         const std::filesystem::path& path);
 
 // kapture 1.0 and 1.1: the models of COLMAP, and the poses of rigs.txt beside
 // the file, from rig to sensor (kapture_format.adoc of github.com/naver).
-bool IsKapture(const std::string& text);
-std::vector<CalibratedCamera> ReadKapture(const std::string& text,
-                                          const std::filesystem::path& path);
+FoundCameras ReadKapture(const std::string& text,
+                         const std::filesystem::path& path);
 
 // KITTI-360: the pose of a camera from calib_cam_to_pose.txt beside the
 // calibration of its lens; nullopt without this file.

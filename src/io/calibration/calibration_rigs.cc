@@ -5,7 +5,6 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <optional>
 #include <set>
 #include <utility>
 
@@ -103,9 +102,7 @@ class CameraMatcher {
     for (const auto& [text, prefix] : prefixes_) {
       if (text.back() == '/') names.insert("'" + text + "'");
     }
-    std::string joined;
-    for (const std::string& name : names) joined += " " + name;
-    return joined.empty() ? " none" : joined;
+    return " " + (names.empty() ? "none" : Joined(names, " "));
   }
 
  private:

@@ -1,47 +1,49 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <re2/re2.h>
+
 #include <Eigen/LU>
 #include <algorithm>
 #include <map>
 #include <optional>
 
 #include "base/file_reading.h"
+#include "base/format.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "calibration/calibration.h"
 #include "calibration/lens_models.h"
-#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
 
-bool IsEuroc(const YamlValue& file) { return file.Has("T_BS"); }
-
-std::vector<CalibratedCamera> ReadEuroc(const YamlValue& file,
-                                        const std::filesystem::path& path) {
+FoundCameras ReadEuroc(const YamlValue& file,
+                       const std::filesystem::path& path) {
+  if (!file.Has("T_BS")) return std::nullopt;
+  std::vector<CalibratedCamera> cameras;
   const auto type = file.Find("sensor_type");
-  if (type && type->Text() != "camera") return {};  // an inertial sensor
-  CalibratedCamera camera;
-  if (path.stem() == "sensor" && path.has_parent_path()) {
-    camera.names = {path.parent_path().filename().string()};
-  } else {
-    camera.names = {path.stem().string()};
-  }
+  if (type && type->Text() != "camera") return cameras;  // an inertial sensor
+  CalibratedCamera& camera = cameras.emplace_back();
+  const bool is_named_by_folder =
+      path.stem() == "sensor" && path.has_parent_path();
+  camera.names = {is_named_by_folder ? path.parent_path().filename().string()
+                                     : path.stem().string()};
   camera.place = file["T_BS"].Place();
   camera.cam_from_base = file["T_BS"].Pose().Inverse();
   camera.size_px = file["resolution"].ImageSize();
   const std::string projection = file["camera_model"].Text();
   if (projection != "pinhole") {
     SetUnknownLens(projection, &camera);
-    return {camera};
+    return cameras;
   }
   const std::vector<double> n = file["intrinsics"].Numbers(4);
   SetLens({n[0], n[1], n[2], n[3], file["distortion_model"].Text(),
            file["distortion_coefficients"].Numbers()},
           &camera);
-  return {camera};
+  return cameras;
 }
 
 namespace {
@@ -49,7 +51,7 @@ namespace {
 // "NAME: words"; lines without a name are called P0, P1, ...
 struct Line {
   std::string place;
-  std::vector<std::string> words;
+  std::string words;
 };
 
 using Lines = std::map<std::string, Line>;
@@ -62,9 +64,8 @@ Lines ParseLines(const std::string& text, const std::string& path) {
     const std::string_view line = text_lines.line();
     const size_t colon = line.find(':');
     const bool has_name = colon != std::string_view::npos;
-    Line parsed{text_lines.Place(), {}};
-    for (const auto word : SplitWords(has_name ? line.substr(colon + 1) : line))
-      parsed.words.emplace_back(word);
+    Line parsed{text_lines.Place(),
+                std::string(has_name ? line.substr(colon + 1) : line)};
     const std::string name(has_name ? line.substr(0, colon)
                                     : "P" + std::to_string(num_unnamed++));
     if (!lines.emplace(name, std::move(parsed)).second) {
@@ -77,7 +78,7 @@ Lines ParseLines(const std::string& text, const std::string& path) {
 
 std::vector<double> Numbers(const Line& line, size_t size) {
   std::vector<double> numbers;
-  for (const std::string& word : line.words) {
+  for (const std::string_view word : SplitWords(line.words)) {
     const auto number = ParseDouble(word);
     if (!number) {
       throw Error(line.place + " has '" + Printable(word) +
@@ -92,37 +93,24 @@ std::vector<double> Numbers(const Line& line, size_t size) {
   return numbers;
 }
 
-Rigid3 PoseOf(const Line& line, const RigidMatrix& matrix) {
-  const auto pose = RigidFromMatrix(matrix);
-  if (!pose) {
-    throw Error(line.place + " is not a rigid transform; correct its rotation");
-  }
-  return *pose;
+Rigid3 PoseOf(const Line& line, const std::optional<Rigid3>& pose) {
+  if (pose) return *pose;
+  throw Error(line.place + " is not a rigid transform; correct its rotation");
 }
 
 // The number k of "Pk", "P_rect_0k"; nullopt for other names.
 std::optional<int> CameraNumber(const std::string& name) {
-  for (const std::string prefix : {"P_rect_", "P"}) {
-    if (name.compare(0, prefix.size(), prefix) != 0) continue;
-    const std::string digits = name.substr(prefix.size());
-    const bool is_number =
-        !digits.empty() && digits.size() <= 2 &&
-        digits.find_first_not_of("0123456789") == std::string::npos;
-    if (is_number) return std::stoi(digits);
-  }
-  return std::nullopt;
-}
-
-std::string TwoDigits(int number) {
-  return (number < 10 ? "0" : "") + std::to_string(number);
+  static const RE2 kPattern(R"(P(?:_rect_)?(\d{1,2}))");
+  int number = 0;
+  if (!RE2::FullMatch(name, kPattern, &number)) return std::nullopt;
+  return number;
 }
 
 // P = K [I | t], with respect to the rectified first camera.
 CalibratedCamera ReadProjection(const Line& line, int number) {
   CalibratedCamera camera;
-  camera.names = {"image_" + TwoDigits(number),
-                  "image_" + std::to_string(number),
-                  "cam" + std::to_string(number)};
+  camera.names = {Formatted("image_%02d", number),
+                  Formatted("image_%d", number), Formatted("cam%d", number)};
   camera.place = line.place;
   const std::vector<double> p = Numbers(line, 12);
   SetMatrixAndLens(p, 4, PinholeLens(), &camera);
@@ -139,14 +127,11 @@ void SetPoseInVehicle(const Line& vehicle_from_cam, const Line& rectification,
                       CalibratedCamera* camera) {
   const auto cam = Numbers(vehicle_from_cam, 12);
   const auto r = Numbers(rectification, 9);
-  RigidMatrix matrix = RigidMatrix::Zero();
-  matrix.leftCols<3>() =
-      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data());
-  const Rigid3 rectified_from_cam = PoseOf(rectification, matrix);
+  const Rigid3 rectified_from_cam =
+      PoseOf(rectification, RigidFromRotation(r.data()));
   camera->cam_from_base =
       rectified_from_cam *
-      PoseOf(vehicle_from_cam, Eigen::Map<const RigidMatrix>(cam.data()))
-          .Inverse();
+      PoseOf(vehicle_from_cam, RigidFromNumbers(cam)).Inverse();
 }
 
 // The lines of calib_cam_to_pose.txt beside a calibration; empty without it.
@@ -158,18 +143,14 @@ Lines ReadPosesInVehicle(const std::filesystem::path& path) {
 }
 
 bool IsProjection(const Line& line) {
-  std::vector<double> n;
-  for (const std::string& word : line.words) {
-    const auto number = ParseDouble(word);
-    if (number) n.push_back(*number);
-  }
+  const auto numbers = ParseNumbers(line.words);
+  if (!numbers || numbers->size() != 12) return false;
   // Unlike a projection matrix, a pose, which also has 12 numbers, has no entry
   // as large as a focal length.
-  return n.size() == 12 && line.words.size() == 12 && n[0] > 10.0 &&
-         n[4] == 0.0 && n[8] == 0.0 && n[9] == 0.0 && n[10] == 1.0;
+  const double* n = numbers->data();
+  return n[0] > 10.0 && n[4] == 0.0 && n[8] == 0.0 && n[9] == 0.0 &&
+         n[10] == 1.0;
 }
-
-}  // namespace
 
 bool IsKitti(const std::string& text) {
   const bool has_names = text.find("P0:") != std::string::npos ||
@@ -181,8 +162,11 @@ bool IsKitti(const std::string& text) {
   });
 }
 
-std::vector<CalibratedCamera> ReadKitti(const std::string& text,
-                                        const std::filesystem::path& path) {
+}  // namespace
+
+FoundCameras ReadKitti(const std::string& text,
+                       const std::filesystem::path& path) {
+  if (!IsKitti(text)) return std::nullopt;
   const Lines lines = ParseLines(text, path.string());
   const Lines poses = ReadPosesInVehicle(path);
   std::vector<CalibratedCamera> cameras;
@@ -190,7 +174,7 @@ std::vector<CalibratedCamera> ReadKitti(const std::string& text,
     const auto number = CameraNumber(name);
     if (!number) continue;
     CalibratedCamera camera = ReadProjection(line, *number);
-    const auto size = lines.find("S_rect_" + TwoDigits(*number));
+    const auto size = lines.find(Formatted("S_rect_%02d", *number));
     if (size != lines.end()) {
       const auto sides = Numbers(size->second, 2);
       if (!(sides[0] >= 1.0 && sides[1] >= 1.0 &&
@@ -200,8 +184,8 @@ std::vector<CalibratedCamera> ReadKitti(const std::string& text,
       camera.size_px.emplace(static_cast<int>(sides[0]),
                              static_cast<int>(sides[1]));
     }
-    const auto rectification = lines.find("R_rect_" + TwoDigits(*number));
-    const auto pose = poses.find("image_" + TwoDigits(*number));
+    const auto rectification = lines.find(Formatted("R_rect_%02d", *number));
+    const auto pose = poses.find(Formatted("image_%02d", *number));
     if (rectification != lines.end() && pose != poses.end()) {
       SetPoseInVehicle(pose->second, rectification->second, &camera);
     }
@@ -216,8 +200,7 @@ std::optional<Rigid3> CamFromVehicleOfKitti360(
   const auto pose = poses.find(name);
   if (pose == poses.end()) return std::nullopt;
   const auto matrix = Numbers(pose->second, 12);
-  return PoseOf(pose->second, Eigen::Map<const RigidMatrix>(matrix.data()))
-      .Inverse();
+  return PoseOf(pose->second, RigidFromNumbers(matrix)).Inverse();
 }
 
 namespace {
@@ -265,16 +248,15 @@ CalibratedCamera ReadSensor(const std::string& name, const YamlValue& value) {
 
 }  // namespace
 
-bool IsNuScenes(const YamlValue& file) {
+FoundCameras ReadNuScenes(const YamlValue& file,
+                          const std::filesystem::path& path) {
   const auto items = file.Items();
-  return AnyOf(items, [](const auto& item) { return IsSensor(item.second); });
-}
-
-std::vector<CalibratedCamera> ReadNuScenes(const YamlValue& file,
-                                           const std::filesystem::path& path) {
+  if (NoneOf(items, [](const auto& item) { return IsSensor(item.second); })) {
+    return std::nullopt;
+  }
   const auto channels = ReadChannels(path.parent_path() / "sensor.json");
   std::vector<CalibratedCamera> cameras;
-  for (const auto& [key, value] : file.Items()) {
+  for (const auto& [key, value] : items) {
     if (!IsSensor(value)) continue;
     const bool is_camera = !value[kIntrinsics].Items().empty();
     if (!is_camera) continue;  // lidar and radar have an empty matrix
@@ -295,9 +277,9 @@ std::vector<CalibratedCamera> ReadNuScenes(const YamlValue& file,
   return cameras;
 }
 
-bool IsArgoverse(const YamlValue& file) { return file.Has("camera_data_"); }
-
-std::vector<CalibratedCamera> ReadArgoverse(const YamlValue& file) {
+FoundCameras ReadArgoverse(const YamlValue& file,
+                           const std::filesystem::path& /*path*/) {
+  if (!file.Has("camera_data_")) return std::nullopt;
   const std::string prefix = "image_raw_";
   std::vector<CalibratedCamera> cameras;
   for (const auto& [key, item] : file["camera_data_"].Items()) {

@@ -4,7 +4,6 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include "base/format.h"
 #include "base/ranges.h"
@@ -22,6 +21,13 @@ size_t NumUsed(const std::vector<double>& coefficients) {
   size_t size = coefficients.size();
   while (size > 0 && coefficients[size - 1] == 0.0) --size;
   return size;
+}
+
+// Sets why_no_model; `expected` is appended to "give ".
+void SetWrongCount(size_t num_coefficients, const std::string& expected,
+                   CalibratedCamera* camera) {
+  camera->why_no_model = "has " + std::to_string(num_coefficients) +
+                         " coefficients of distortion; give " + expected;
 }
 
 // k1 k2 p1 p2 k3 k4 k5 k6, then those of thin prisms and tilted sensors.
@@ -68,66 +74,6 @@ void SetModel(CameraModelId model, size_t num_coefficients,
   camera->params.insert(camera->params.end(), lens.distortion.begin(),
                         lens.distortion.end());
 }
-
-}  // namespace
-
-void SetLens(const PinholeLens& lens, CalibratedCamera* camera) {
-  const std::string& name = lens.distortion_model;
-  // COLMAP's pixel coordinates start at the corner of the first pixel.
-  camera->params = {lens.fx, lens.fy, lens.cx + 0.5, lens.cy + 0.5};
-  if (!(lens.fx > 0.0 && lens.fy > 0.0)) {
-    camera->why_no_model =
-        "has a focal length that is not positive; correct it";
-  } else if (IsOneOf(name, {"radtan", "radial-tangential", "plumb_bob",
-                            "rational_polynomial", "none", ""})) {
-    SetRadialTangential(lens.distortion, camera);
-  } else if (IsOneOf(name, {"equidistant", "equi", "fisheye", "kannala_brandt",
-                            "kannala_brandt4"})) {
-    SetModel(CameraModelId::kOpenCVFisheye, 4, lens, camera);
-  } else if (name == "fov") {
-    SetModel(CameraModelId::kFov, 1, lens, camera);
-  } else {
-    camera->why_no_model = "has the distortion '" + name +
-                           "', which no camera model of COLMAP describes; "
-                           "calibrate it again with radtan or equidistant";
-  }
-  if (!camera->model) camera->params.clear();
-}
-
-void SetMatrixAndLens(const std::vector<double>& K, int num_columns,
-                      PinholeLens lens, CalibratedCamera* camera) {
-  constexpr double kMaxSkew = 1e-6;  // rounding; no model of COLMAP has a skew
-  const double scale = K[2 * num_columns + 2];
-  lens.fx = K[0] / scale;
-  lens.fy = K[num_columns + 1] / scale;
-  lens.cx = K[2] / scale;
-  lens.cy = K[num_columns + 2] / scale;
-  SetLens(lens, camera);
-  const bool is_camera_matrix = scale != 0.0 && K[num_columns] == 0.0 &&
-                                K[2 * num_columns] == 0.0 &&
-                                K[2 * num_columns + 1] == 0.0;
-  if (!is_camera_matrix || std::abs(K[1]) > kMaxSkew * std::abs(K[0])) {
-    camera->model.reset();
-    camera->params.clear();
-    camera->why_no_model =
-        "has a camera matrix with skew or other unexpected entries; correct it";
-  }
-}
-
-void SetWrongCount(size_t num_coefficients, const std::string& expected,
-                   CalibratedCamera* camera) {
-  camera->why_no_model = "has " + std::to_string(num_coefficients) +
-                         " coefficients of distortion; give " + expected;
-}
-
-void SetUnknownLens(const std::string& name, CalibratedCamera* camera) {
-  camera->why_no_model =
-      "has the projection '" + name +
-      "', which no camera model of COLMAP describes; calibrate it again as a "
-      "pinhole camera with equidistant distortion";
-}
-
-namespace {
 
 using Eigen::Vector2d;
 
@@ -237,6 +183,56 @@ void SetFit(const FisheyeFit& fit, bool has_tangential,
 }
 
 }  // namespace
+
+void SetLens(const PinholeLens& lens, CalibratedCamera* camera) {
+  const std::string& name = lens.distortion_model;
+  // COLMAP's pixel coordinates start at the corner of the first pixel.
+  camera->params = {lens.fx, lens.fy, lens.cx + 0.5, lens.cy + 0.5};
+  if (!(lens.fx > 0.0 && lens.fy > 0.0)) {
+    camera->why_no_model =
+        "has a focal length that is not positive; correct it";
+  } else if (IsOneOf(name, {"radtan", "radial-tangential", "plumb_bob",
+                            "rational_polynomial", "none", ""})) {
+    SetRadialTangential(lens.distortion, camera);
+  } else if (IsOneOf(name, {"equidistant", "equi", "fisheye", "kannala_brandt",
+                            "kannala_brandt4"})) {
+    SetModel(CameraModelId::kOpenCVFisheye, 4, lens, camera);
+  } else if (name == "fov") {
+    SetModel(CameraModelId::kFov, 1, lens, camera);
+  } else {
+    camera->why_no_model = "has the distortion '" + name +
+                           "', which no camera model of COLMAP describes; "
+                           "calibrate it again with radtan or equidistant";
+  }
+  if (!camera->model) camera->params.clear();
+}
+
+void SetMatrixAndLens(const std::vector<double>& K, int num_columns,
+                      PinholeLens lens, CalibratedCamera* camera) {
+  constexpr double kMaxSkew = 1e-6;  // rounding; no model of COLMAP has a skew
+  const double scale = K[2 * num_columns + 2];
+  lens.fx = K[0] / scale;
+  lens.fy = K[num_columns + 1] / scale;
+  lens.cx = K[2] / scale;
+  lens.cy = K[num_columns + 2] / scale;
+  SetLens(lens, camera);
+  const bool is_camera_matrix = scale != 0.0 && K[num_columns] == 0.0 &&
+                                K[2 * num_columns] == 0.0 &&
+                                K[2 * num_columns + 1] == 0.0;
+  if (!is_camera_matrix || std::abs(K[1]) > kMaxSkew * std::abs(K[0])) {
+    camera->model.reset();
+    camera->params.clear();
+    camera->why_no_model =
+        "has a camera matrix with skew or other unexpected entries; correct it";
+  }
+}
+
+void SetUnknownLens(const std::string& name, CalibratedCamera* camera) {
+  camera->why_no_model =
+      "has the projection '" + name +
+      "', which no camera model of COLMAP describes; calibrate it again as a "
+      "pinhole camera with equidistant distortion";
+}
 
 void SetUnifiedLens(const UnifiedLens& lens, CalibratedCamera* camera) {
   const bool is_valid = lens.fx > 0.0 && lens.fy > 0.0 && lens.xi > -1.0 &&

@@ -52,11 +52,6 @@ struct UnifiedLens {
 // camera->size_px must be set before if it is known.
 void SetUnifiedLens(const UnifiedLens& lens, CalibratedCamera* camera);
 
-// Sets why_no_model for a wrong number of coefficients; `expected` is appended
-// to "give ".
-void SetWrongCount(size_t num_coefficients, const std::string& expected,
-                   CalibratedCamera* camera);
-
 // Sets why_no_model for any other projection.
 void SetUnknownLens(const std::string& name, CalibratedCamera* camera);
 

@@ -4,7 +4,6 @@
 
 #include "base/file_reading.h"
 #include "base/ranges.h"
-#include "base/text.h"
 #include "base/text_lines.h"
 #include "calibration/calibration.h"
 #include "calibration/lens_models.h"
@@ -65,17 +64,14 @@ void SetOpenSfmLens(const YamlValue& value, CalibratedCamera* camera) {
 
 }  // namespace
 
-bool IsOpenSfm(const YamlValue& file) {
-  if (!file.IsMap()) return false;
+FoundCameras ReadOpenSfm(const YamlValue& file, const fs::path& path) {
+  if (!file.IsMap()) return std::nullopt;
   const auto items = file.Items();
-  return !items.empty() && AllOf(items, [](const auto& item) {
+  const bool is_rig = !items.empty() && AllOf(items, [](const auto& item) {
     return item.second.Has("rotation") && item.second.Has("translation") &&
            item.second.Has("camera");
   });
-}
-
-std::vector<CalibratedCamera> ReadOpenSfm(const YamlValue& file,
-                                          const fs::path& path) {
+  if (!is_rig) return std::nullopt;
   std::map<std::string, YamlValue> models;
   for (const char* name :
        {"camera_models.json", "camera_models_overrides.json"}) {
@@ -87,7 +83,7 @@ std::vector<CalibratedCamera> ReadOpenSfm(const YamlValue& file,
     }
   }
   std::vector<CalibratedCamera> cameras;
-  for (const auto& [name, value] : file.Items()) {
+  for (const auto& [name, value] : items) {
     CalibratedCamera camera;
     camera.names = {name};
     camera.place = value.Place();
@@ -107,12 +103,7 @@ std::vector<double> NumbersAfter(const TextLines& lines,
                                  size_t begin) {
   std::vector<double> numbers;
   for (size_t i = begin; i < words.size(); ++i) {
-    const auto number = ParseDouble(words[i]);
-    if (!number) {
-      lines.Throw("has '" + Printable(words[i]) +
-                  "' where a finite number should be; correct it");
-    }
-    numbers.push_back(*number);
+    numbers.push_back(lines.Number(words[i]));
   }
   return numbers;
 }
@@ -145,7 +136,7 @@ std::map<std::string, Rigid3> ReadKaptureRigs(const fs::path& path) {
   std::map<std::string, Rigid3> poses;
   if (!fs::exists(path)) return poses;
   std::string rig;
-  TextLines lines(path.string(), "'" + path.string() + "'");
+  TextLines lines(path);
   while (lines.NextContent()) {
     const std::vector<std::string> words = SplitFields(lines.line(), ',');
     if (words.size() != 9) {
@@ -166,12 +157,8 @@ std::map<std::string, Rigid3> ReadKaptureRigs(const fs::path& path) {
 
 }  // namespace
 
-bool IsKapture(const std::string& text) {
-  return text.compare(0, 16, "# kapture format") == 0;
-}
-
-std::vector<CalibratedCamera> ReadKapture(const std::string& text,
-                                          const fs::path& path) {
+FoundCameras ReadKapture(const std::string& text, const fs::path& path) {
+  if (text.compare(0, 16, "# kapture format") != 0) return std::nullopt;
   const auto poses = ReadKaptureRigs(path.parent_path() / "rigs.txt");
   std::vector<CalibratedCamera> cameras;
   TextLines lines = TextLines::Of(text, "'" + path.string() + "'");
@@ -180,8 +167,7 @@ std::vector<CalibratedCamera> ReadKapture(const std::string& text,
     if (words.size() < 3 || words[2] != "camera") continue;
     CalibratedCamera camera;
     camera.names = {words[0]};
-    camera.place =
-        "'" + path.string() + "', line " + std::to_string(lines.number());
+    camera.place = lines.Place();
     SetKaptureLens(lines, words, &camera);
     const auto pose = poses.find(words[0]);
     if (pose != poses.end()) camera.cam_from_base = pose->second;

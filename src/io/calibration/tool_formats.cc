@@ -31,10 +31,9 @@ std::vector<std::string> NamesOf(const YamlValue& file,
 
 }  // namespace
 
-bool IsCamodocal(const YamlValue& file) { return file.Has("model_type"); }
-
-std::vector<CalibratedCamera> ReadCamodocal(const YamlValue& file,
-                                            const std::filesystem::path& path) {
+FoundCameras ReadCamodocal(const YamlValue& file,
+                           const std::filesystem::path& path) {
+  if (!file.Has("model_type")) return std::nullopt;
   CalibratedCamera camera;
   camera.names = NamesOf(file, path);
   camera.place = file["model_type"].Place();
@@ -64,7 +63,7 @@ std::vector<CalibratedCamera> ReadCamodocal(const YamlValue& file,
     SetUnknownLens(model, &camera);
   }
   camera.cam_from_base = CamFromVehicleOfKitti360(path, camera.names.front());
-  return {camera};
+  return std::vector{camera};
 }
 
 namespace {
@@ -74,8 +73,7 @@ std::optional<std::string> CameraOfTopic(std::string topic) {
   const std::vector<std::string> generic = {"camera", "compressed", "rgb"};
   while (!topic.empty()) {
     const size_t slash = topic.rfind('/');
-    const std::string part =
-        topic.substr(slash == std::string::npos ? 0 : slash + 1);
+    const std::string part = topic.substr(slash + 1);
     topic.erase(slash == std::string::npos ? 0 : slash);
     const bool is_generic = part.empty() || part.compare(0, 5, "image") == 0 ||
                             Contains(generic, part);
@@ -125,8 +123,6 @@ void ReadLens(const YamlValue& value, CalibratedCamera* camera) {
   SetLens(lens, camera);
 }
 
-}  // namespace
-
 bool IsKalibr(const YamlValue& file) {
   if (!file.IsMap()) return false;
   const auto items = file.Items();
@@ -134,8 +130,6 @@ bool IsKalibr(const YamlValue& file) {
     return item.second.Has("camera_model") && item.second.Has("intrinsics");
   });
 }
-
-namespace {
 
 // Checks that the poses from T_cam_imu and T_cn_cnm1 agree. Kalibr writes both
 // from one estimate.
@@ -225,10 +219,6 @@ class KalibrPoses {
   std::optional<Rigid3> imu_from_base_;
 };
 
-}  // namespace
-
-namespace {
-
 // The cameras, in the order of their numbers.
 std::vector<std::pair<std::string, YamlValue>> KalibrItems(
     const YamlValue& file) {
@@ -269,7 +259,9 @@ std::vector<CalibratedCamera> ReadKalibrPoses(const YamlValue& file) {
   return cameras;
 }
 
-std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
+FoundCameras ReadKalibr(const YamlValue& file,
+                        const std::filesystem::path& /*path*/) {
+  if (!IsKalibr(file)) return std::nullopt;
   std::vector<CalibratedCamera> cameras = ReadKalibrPoses(file);
   size_t i = 0;
   for (const auto& [name, value] : KalibrItems(file)) {
@@ -317,10 +309,7 @@ std::optional<Rigid3> CamFromLeft(const YamlValue& file) {
   const Eigen::Map<const RigidMatrix> P(p.data());
   const Eigen::Matrix3d K = P.leftCols<3>();
   if (K.isZero(0.0)) return std::nullopt;  // not rectified
-  RigidMatrix matrix = RigidMatrix::Zero();
-  matrix.leftCols<3>() =
-      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data());
-  const auto rectified_from_cam = RigidFromMatrix(matrix);
+  const auto rectified_from_cam = RigidFromRotation(r.data());
   if (!rectified_from_cam) {
     rectification->Throw("is not a rotation; correct it");
   }
@@ -334,26 +323,24 @@ std::optional<Rigid3> CamFromLeft(const YamlValue& file) {
 
 }  // namespace
 
-bool IsOpenCv(const YamlValue& file) {
-  return file.FindAny(kMatrix).has_value() &&
-         file.FindAny(kDistortion).has_value();
-}
-
-std::vector<CalibratedCamera> ReadOpenCv(const YamlValue& file,
-                                         const std::filesystem::path& path) {
+FoundCameras ReadOpenCv(const YamlValue& file,
+                        const std::filesystem::path& path) {
+  const auto matrix = file.FindAny(kMatrix);
+  if (!matrix) return std::nullopt;
+  const auto distortion = file.FindAny(kDistortion);
+  if (!distortion) return std::nullopt;
   CalibratedCamera camera;
   camera.names = NamesOf(file, path);
-  const YamlValue matrix = *file.FindAny(kMatrix);
-  camera.place = matrix.Place();
+  camera.place = matrix->Place();
   PinholeLens lens;
   lens.distortion_model = DistortionModel(file);
-  lens.distortion = file.FindAny(kDistortion)->Numbers();
-  SetMatrixAndLens(matrix.Numbers(9), 3, lens, &camera);
+  lens.distortion = distortion->Numbers();
+  SetMatrixAndLens(matrix->Numbers(9), 3, lens, &camera);
   const auto width = file.FindAny(kWidth);
   const auto height = file.FindAny(kHeight);
   if (width && height) camera.size_px.emplace(width->Size(), height->Size());
   camera.cam_from_base = CamFromLeft(file);
-  return {camera};
+  return std::vector{camera};
 }
 
 }  // namespace mgsfm

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "calibration/yaml_value.h"
 
-#include <Eigen/Core>
 #include <cmath>
 #include <set>
 
 #include "base/text.h"
-#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 

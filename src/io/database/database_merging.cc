@@ -50,8 +50,7 @@ bool AreEqual(const std::vector<Match>& a, const std::vector<Match>& b) {
 
 bool AreEqual(const TwoViewGeometryRow& a, const TwoViewGeometryRow& b) {
   return a.config == b.config && a.F == b.F && a.E == b.E && a.H == b.H &&
-         ArePosesEqual(a.cam2_from_cam1, b.cam2_from_cam1) &&
-         AreEqual(a.matches, b.matches);
+         a.cam2_from_cam1 == b.cam2_from_cam1 && AreEqual(a.matches, b.matches);
 }
 
 bool AreEqual(const PosePriorRow& a, const PosePriorRow& b) {
@@ -112,8 +111,7 @@ void PairCopier::CopyMatches(const SqliteDatabase& database,
     const int64_t id1 = row.Int(0) / kMaxNumIds, id2 = row.Int(0) % kMaxNumIds;
     const auto new_id1 = find(id1), new_id2 = find(id2);
     if (!new_id1 || !new_id2) continue;
-    const std::vector<Match> matches =
-        DecodeMatches(row, database.path(), NameOf(id1, id2));
+    const std::vector<Match> matches = DecodeMatches(row, NameOf(id1, id2));
     if (!must_agree || !output_.HasMatches(*new_id1, *new_id2)) {
       output_.WriteMatches(*new_id1, *new_id2, matches);
     } else if (!AreEqual(output_.ReadMatches(*new_id1, *new_id2), matches)) {
@@ -135,7 +133,7 @@ void PairCopier::CopyTwoViewGeometries(const SqliteDatabase& database,
     const auto new_id1 = find(id1), new_id2 = find(id2);
     if (!new_id1 || !new_id2) continue;
     TwoViewGeometryRow pair{*new_id1, *new_id2};
-    DecodeTwoViewGeometry(row, database.path(), NameOf(id1, id2), &pair);
+    DecodeTwoViewGeometry(row, NameOf(id1, id2), &pair);
     // Keeps the order of the output, because swapping twice changes the last
     // bits.
     if (pair.image_id2 < pair.image_id1) SwapImages(&pair);
@@ -173,8 +171,7 @@ class DatabaseCopier {
     const SqliteSnapshot snapshot(path);
     database_ = &snapshot.database();
     positions_ = &structure_.image_positions[input];
-    CopyKeypoints();
-    CopyDescriptors();
+    CopyFeatures();
     pairs_.Copy(
         *database_,
         [&](int64_t id) -> std::optional<ImageId> {
@@ -199,8 +196,7 @@ class DatabaseCopier {
                  bool (FeatureDatabase::*has)(ImageId) const,
                  Values (FeatureDatabase::*read)(ImageId) const,
                  void (FeatureDatabase::*write)(ImageId, const Values&));
-  void CopyKeypoints();
-  void CopyDescriptors();
+  void CopyFeatures();
   void CopyPriors();
   // nullptr for rows of a deleted image.
   const ImageRow* Find(int64_t id) const {
@@ -247,25 +243,18 @@ void DatabaseCopier::CopyTable(const char* table, const Decode& decode,
   }
 }
 
-void DatabaseCopier::CopyKeypoints() {
+void DatabaseCopier::CopyFeatures() {
   CopyTable(
       "keypoints",
-      [this](const SqliteStatement& row, const std::string& image) {
-        return MakeFeatureKeypoints(DecodeKeypoints(
-            row, database_->path(), "the keypoints of " + image));
+      [](const SqliteStatement& row, const std::string& image) {
+        return MakeFeatureKeypoints(
+            DecodeKeypoints(row, "the keypoints of " + image));
       },
       &FeatureDatabase::HasKeypoints, &FeatureDatabase::ReadKeypoints,
       &FeatureDatabase::WriteKeypoints);
-}
-
-void DatabaseCopier::CopyDescriptors() {
-  CopyTable(
-      "descriptors",
-      [this](const SqliteStatement& row, const std::string& image) {
-        return DecodeDescriptors(row, database_->path(), image);
-      },
-      &FeatureDatabase::HasDescriptors, &FeatureDatabase::ReadDescriptors,
-      &FeatureDatabase::WriteDescriptors);
+  CopyTable("descriptors", DecodeDescriptors, &FeatureDatabase::HasDescriptors,
+            &FeatureDatabase::ReadDescriptors,
+            &FeatureDatabase::WriteDescriptors);
 }
 
 void DatabaseCopier::CopyPriors() {
@@ -401,8 +390,7 @@ DatabaseMergeSummary MergeFeatures(const std::vector<Input>& inputs,
   std::vector<StructureInput> structures;
   for (const Input& input : inputs) {
     const SqliteSnapshot snapshot(input.given.path);
-    structures.push_back({input.given.path, input.given.prefix,
-                          input.given.vehicle,
+    structures.push_back({input.given,
                           ReadStructure(snapshot.database(), context),
                           ReadShardCameras(snapshot.database())});
   }

@@ -15,7 +15,6 @@
 #include "database/sqlite_database.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/database/database.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -25,57 +24,6 @@ template <class T, class Predicate>
 void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
   EraseIf(items, [&](const T& item) { return !is_kept(item); });
 }
-
-}  // namespace
-
-std::vector<std::string> ReadImageList(const std::string& path) {
-  TextLines lines(path, "'" + path + "' (image_list_path)");
-  std::vector<std::string> names;
-  while (lines.NextContent()) {
-    names.emplace_back(lines.line());
-    if (const auto problem = WhyUnusable(names.back())) {
-      lines.Throw("the name " + *problem);
-    }
-  }
-  return names;
-}
-
-void KeepListedImages(const std::set<std::string>& names,
-                      const std::string& list_path,
-                      DatabaseContents* contents) {
-  const std::string list = "'" + list_path + "' (image_list_path)";
-  if (names.empty()) throw Error(list + " lists no image");
-  EraseUnless(
-      [&](const ImageRow& image) { return names.count(image.name) > 0; },
-      &contents->images);
-  std::set<std::string> missing = names;
-  std::set<ImageId> ids;
-  for (const ImageRow& image : contents->images) {
-    missing.erase(image.name);
-    ids.insert(image.id);
-  }
-  if (!missing.empty()) {
-    throw Error(list + " names '" + *missing.begin() +
-                "', which the database '" + contents->path +
-                "' does not have; correct the list, or extract and match the "
-                "features of the image");
-  }
-  const auto has = [&](ImageId id) { return ids.count(id) > 0; };
-  const auto has_pair = [&](const auto& pair) {
-    return has(pair.image_id1) && has(pair.image_id2);
-  };
-  EraseUnless(has_pair, &contents->pairs);
-  EraseUnless(has_pair, &contents->matches);
-  for (FrameRow& frame : contents->frames) {
-    EraseUnless([&](const FrameDataRow& data) { return has(data.image_id); },
-                &frame.data);
-  }
-  EraseUnless([](const FrameRow& frame) { return !frame.data.empty(); },
-              &contents->frames);
-  contents->is_selection = true;
-}
-
-namespace {
 
 // The database and the run that reads it.
 struct Source {
@@ -154,12 +102,7 @@ Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
         name + " has the unknown camera model " + std::to_string(model_id) +
         "; extract the features again with one of COLMAP's camera models");
   }
-  Camera camera{CheckedId<CameraId>(source, row.Int(0), "a camera"),
-                model->id,
-                0,
-                0,
-                {},
-                false};
+  const auto id = CheckedId<CameraId>(source, row.Int(0), "a camera");
   const int64_t width = row.Int(2);
   const int64_t height = row.Int(3);
   constexpr int64_t kMaxSize = std::numeric_limits<int>::max();
@@ -167,8 +110,9 @@ Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
     source.Throw(name + " has the image size " + SizeText(width, height) +
                  kExtractAgain);
   }
-  camera.width_px = static_cast<int>(width);
-  camera.height_px = static_cast<int>(height);
+  Camera camera{
+      id, model->id,      static_cast<int>(width), static_cast<int>(height),
+      {}, row.Int(5) != 0};
   const BlobView params = row.Blob(4);
   const auto num_params = static_cast<size_t>(model->num_params);
   if (params.size != num_params * sizeof(double)) {
@@ -182,7 +126,6 @@ Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
   if (const auto problem = WhyImplausible(camera)) {
     source.Throw(name + ' ' + *problem + kExtractAgain);
   }
-  camera.has_prior_focal_length = row.Int(5) != 0;
   return camera;
 }
 
@@ -242,8 +185,7 @@ void ReadKeypoints(const Source& source, ImageTable* images) {
     if (position == images->positions.end()) continue;
     ImageRow& image = images->rows[position->second];
     const KeypointBlob blob =
-        DecodeKeypoints(row, source.database.path(),
-                        "the keypoints of image '" + image.name + "'");
+        DecodeKeypoints(row, "the keypoints of image '" + image.name + "'");
     image.keypoints_px.resize(blob.rows);
     for (size_t i = 0; i < blob.rows; ++i) {
       // x and y come first in all layouts.
@@ -303,7 +245,7 @@ std::optional<TwoViewGeometryRow> DecodePair(const Source& source,
     return std::nullopt;
   }
   TwoViewGeometryRow pair{image1->id, image2->id};
-  DecodeTwoViewGeometry(row, source.database.path(), name, &pair);
+  DecodeTwoViewGeometry(row, name, &pair);
   return pair;
 }
 
@@ -341,9 +283,8 @@ void ReadOutliers(const Source& source, const ImageTable& images,
     while (pair != pairs->end() && ids() < std::pair(id1, id2)) ++pair;
     if (pair == pairs->end()) break;
     if (ids() != std::pair(id1, id2) || pair->matches.empty()) continue;
-    pair->outliers = OutliersOf(
-        DecodeMatches(row, source.database.path(), PairName(images, id1, id2)),
-        pair->matches);
+    pair->outliers = OutliersOf(DecodeMatches(row, PairName(images, id1, id2)),
+                                pair->matches);
   }
 }
 
@@ -498,6 +439,53 @@ DatabaseContents ReadContents(const SqliteDatabase& database,
 }
 
 }  // namespace
+
+std::vector<std::string> ReadImageList(const std::string& path) {
+  TextLines lines(path, "'" + path + "' (image_list_path)");
+  std::vector<std::string> names;
+  while (lines.NextContent()) {
+    names.emplace_back(lines.line());
+    if (const auto problem = WhyUnusable(names.back())) {
+      lines.Throw("the name " + *problem);
+    }
+  }
+  return names;
+}
+
+void KeepListedImages(const std::set<std::string>& names,
+                      const std::string& list_path,
+                      DatabaseContents* contents) {
+  const std::string list = "'" + list_path + "' (image_list_path)";
+  if (names.empty()) throw Error(list + " lists no image");
+  EraseUnless(
+      [&](const ImageRow& image) { return names.count(image.name) > 0; },
+      &contents->images);
+  std::set<std::string> missing = names;
+  std::set<ImageId> ids;
+  for (const ImageRow& image : contents->images) {
+    missing.erase(image.name);
+    ids.insert(image.id);
+  }
+  if (!missing.empty()) {
+    throw Error(list + " names '" + *missing.begin() +
+                "', which the database '" + contents->path +
+                "' does not have; correct the list, or extract and match the "
+                "features of the image");
+  }
+  const auto has = [&](ImageId id) { return ids.count(id) > 0; };
+  const auto has_pair = [&](const auto& pair) {
+    return has(pair.image_id1) && has(pair.image_id2);
+  };
+  EraseUnless(has_pair, &contents->pairs);
+  EraseUnless(has_pair, &contents->matches);
+  for (FrameRow& frame : contents->frames) {
+    EraseUnless([&](const FrameDataRow& data) { return has(data.image_id); },
+                &frame.data);
+  }
+  EraseUnless([](const FrameRow& frame) { return !frame.data.empty(); },
+              &contents->frames);
+  contents->is_selection = true;
+}
 
 void SwapImages(std::vector<Match>* matches) {
   for (Match& match : *matches) {

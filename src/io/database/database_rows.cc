@@ -8,7 +8,6 @@
 #include <cstring>
 #include <limits>
 #include <set>
-#include <string>
 
 #include "base/text_tools.h"
 #include "scene/value_check.h"
@@ -102,23 +101,6 @@ CREATE UNIQUE INDEX IF NOT EXISTS frame_sensor_assignment
   ON frame_data(data_id, sensor_type);
 )";
 
-}  // namespace
-
-void CreateTables(TableLayout layout, SqliteDatabase* database) {
-  const bool is_new = !database->HasTable("images");
-  std::string tables = kCommonTables;
-  const std::string placeholder = "$PRIOR_COLUMNS";
-  tables.replace(tables.find(placeholder), placeholder.size(),
-                 layout == TableLayout::k312 ? "" : kPriorColumns38);
-  database->Execute(tables);
-  if (layout != TableLayout::k38) database->Execute(kTables312);
-  if (!is_new) return;
-  database->Execute(layout == TableLayout::k38 ? "PRAGMA user_version = 3800"
-                                               : "PRAGMA user_version = 3900");
-}
-
-namespace {
-
 using RowMajorMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 // Blobs hold little-endian numbers, like all supported machines.
@@ -135,26 +117,34 @@ bool AllFinite(const double* values, size_t size) {
                      [](double value) { return std::isfinite(value); });
 }
 
-// `name` is plural, as in "the keypoints of image 'a.jpg'".
-[[noreturn]] void ThrowDamagedTable(const std::string& path,
-                                    const std::string& name,
-                                    const SqliteStatement& row,
-                                    const char* remedy) {
+// The number of rows in the blob of a row with rows, cols and data in columns 1
+// to 3; `row_size` is 0 for unknown columns. Throws Error for a blob of another
+// size; `problem` is as in "the keypoints of image 'a.jpg' are damaged".
+size_t NumRows(const SqliteStatement& row, const BlobView& blob,
+               size_t row_size, const std::string& problem,
+               const char* remedy) {
+  const int64_t rows = row.Int(1);
+  const bool is_complete = row_size > 0 && rows >= 0 &&
+                           blob.size % row_size == 0 &&
+                           blob.size / row_size == static_cast<size_t>(rows);
+  if (is_complete || (rows == 0 && blob.size == 0)) {
+    return static_cast<size_t>(rows);
+  }
   ThrowDatabaseError(
-      path, name + " are damaged: " + std::to_string(row.Blob(3).size) +
-                " bytes for " + SizeText(row.Int(1), row.Int(2)) + " values" +
-                remedy);
+      row.path(), problem + ": " + std::to_string(blob.size) + " bytes for " +
+                      SizeText(rows, row.Int(2)) + " values" + remedy);
 }
 
-std::optional<Eigen::Matrix3d> DecodeMatrix(const BlobView& blob,
-                                            const std::string& path,
+std::optional<Eigen::Matrix3d> DecodeMatrix(const SqliteStatement& row,
+                                            int column,
                                             const std::string& name) {
+  const BlobView blob = row.Blob(column);
   if (blob.size == 0) return std::nullopt;
   const auto values = Decode<double, 9>(blob);
   if (!values) {
-    ThrowDatabaseError(path, "the matrix " + name +
-                                 " is damaged: " + std::to_string(blob.size) +
-                                 " bytes instead of 72" + kMatchAgain);
+    ThrowDatabaseError(row.path(), "the matrix " + name + " is damaged: " +
+                                       std::to_string(blob.size) +
+                                       " bytes instead of 72" + kMatchAgain);
   }
   const Eigen::Matrix3d matrix =
       Eigen::Map<const RowMajorMatrix>(values->data());
@@ -163,7 +153,6 @@ std::optional<Eigen::Matrix3d> DecodeMatrix(const BlobView& blob,
 }
 
 std::optional<Rigid3> DecodeRelativePose(const SqliteStatement& row,
-                                         const std::string& path,
                                          const std::string& name) {
   const BlobView qvec_blob = row.Blob(8);
   const BlobView tvec_blob = row.Blob(9);
@@ -171,15 +160,16 @@ std::optional<Rigid3> DecodeRelativePose(const SqliteStatement& row,
   const auto qvec = Decode<double, 4>(qvec_blob);
   const auto tvec = Decode<double, 3>(tvec_blob);
   if (!qvec || !tvec) {
-    ThrowDatabaseError(path, "the relative pose of " + name + " is damaged: " +
-                                 std::to_string(qvec_blob.size) + " and " +
-                                 std::to_string(tvec_blob.size) +
-                                 " bytes instead of 32 and 24" + kMatchAgain);
+    ThrowDatabaseError(row.path(),
+                       "the relative pose of " + name +
+                           " is damaged: " + std::to_string(qvec_blob.size) +
+                           " and " + std::to_string(tvec_blob.size) +
+                           " bytes instead of 32 and 24" + kMatchAgain);
   }
   const auto pose = PoseFromNumbers(qvec->data(), tvec->data());
   if (const auto problem = pose ? WhyImplausible(*pose) : std::nullopt) {
-    ThrowDatabaseError(
-        path, "the relative pose of " + name + ' ' + *problem + kMatchAgain);
+    ThrowDatabaseError(row.path(), "the relative pose of " + name + ' ' +
+                                       *problem + kMatchAgain);
   }
   const bool is_default =
       pose && pose->translation.isZero(0.0) && pose->rotation.vec().isZero(0.0);
@@ -207,6 +197,19 @@ PosePriorRow DecodePosePrior(const SqliteStatement& row) {
 }
 
 }  // namespace
+
+void CreateTables(TableLayout layout, SqliteDatabase* database) {
+  const bool is_new = !database->HasTable("images");
+  std::string tables = kCommonTables;
+  const std::string placeholder = "$PRIOR_COLUMNS";
+  tables.replace(tables.find(placeholder), placeholder.size(),
+                 layout == TableLayout::k312 ? "" : kPriorColumns38);
+  database->Execute(tables);
+  if (layout != TableLayout::k38) database->Execute(kTables312);
+  if (!is_new) return;
+  database->Execute(layout == TableLayout::k38 ? "PRAGMA user_version = 3800"
+                                               : "PRAGMA user_version = 3900");
+}
 
 std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
   const Eigen::Quaterniond rotation(qvec[0], qvec[1], qvec[2], qvec[3]);
@@ -237,33 +240,25 @@ std::vector<PosePriorRow> ReadPosePriorRows(const SqliteDatabase& database) {
 }
 
 KeypointBlob DecodeKeypoints(const SqliteStatement& row,
-                             const std::string& path, const std::string& name) {
+                             const std::string& name) {
   const BlobView blob = row.Blob(3);
-  const int64_t rows = row.Int(1);
   const int64_t cols = row.Int(2);
-  if (rows == 0 && blob.size == 0) return {};
   const bool cols_are_known = cols == 2 || cols == 4 || cols == 6;
-  const size_t row_size = static_cast<size_t>(cols) * sizeof(float);
-  if (!cols_are_known || rows < 0 || blob.size % row_size != 0 ||
-      blob.size / row_size != static_cast<size_t>(rows)) {
-    ThrowDamagedTable(path, name, row, kExtractAgain);
-  }
-  return {blob.data, static_cast<size_t>(rows), static_cast<size_t>(cols)};
+  const auto num_cols = static_cast<size_t>(cols_are_known ? cols : 0);
+  return {blob.data,
+          NumRows(row, blob, num_cols * sizeof(float), name + " are damaged",
+                  kExtractAgain),
+          num_cols};
 }
 
 std::vector<Match> DecodeMatches(const SqliteStatement& row,
-                                 const std::string& path,
                                  const std::string& name) {
   static_assert(sizeof(Match) == 2 * sizeof(uint32_t), "as in the database");
   const BlobView blob = row.Blob(3);
-  const int64_t rows = row.Int(1);
-  if (rows == 0 && blob.size == 0) return {};
-  if (row.Int(2) != 2 || rows < 0 || blob.size % sizeof(Match) != 0 ||
-      blob.size / sizeof(Match) != static_cast<size_t>(rows)) {
-    ThrowDamagedTable(path, "the matches of " + name, row, kMatchAgain);
-  }
-  std::vector<Match> matches(static_cast<size_t>(rows));
-  std::memcpy(matches.data(), blob.data, blob.size);
+  std::vector<Match> matches(
+      NumRows(row, blob, row.Int(2) == 2 ? sizeof(Match) : 0,
+              "the matches of " + name + " are damaged", kMatchAgain));
+  if (!matches.empty()) std::memcpy(matches.data(), blob.data, blob.size);
   return matches;
 }
 
@@ -277,20 +272,20 @@ std::string TwoViewGeometryQuery(const SqliteDatabase& database,
   return sql + " FROM " + table;
 }
 
-void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
-                           const std::string& name, TwoViewGeometryRow* pair) {
+void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& name,
+                           TwoViewGeometryRow* pair) {
   const int64_t config = row.Int(4);
   if (config < 0 || config > static_cast<int>(TwoViewConfig::kCalibratedRig)) {
-    ThrowDatabaseError(path, name + " has the unknown configuration " +
-                                 std::to_string(config) + kMatchAgain);
+    ThrowDatabaseError(row.path(), name + " has the unknown configuration " +
+                                       std::to_string(config) + kMatchAgain);
   }
   pair->config = static_cast<TwoViewConfig>(config);
-  pair->F = DecodeMatrix(row.Blob(5), path, "F of " + name);
-  pair->E = DecodeMatrix(row.Blob(6), path, "E of " + name);
-  pair->H = DecodeMatrix(row.Blob(7), path, "H of " + name);
+  pair->F = DecodeMatrix(row, 5, "F of " + name);
+  pair->E = DecodeMatrix(row, 6, "E of " + name);
+  pair->H = DecodeMatrix(row, 7, "H of " + name);
   if (pair->H && !pair->H->inverse().allFinite()) pair->H.reset();
-  pair->cam2_from_cam1 = DecodeRelativePose(row, path, name);
-  pair->matches = DecodeMatches(row, path, name);
+  pair->cam2_from_cam1 = DecodeRelativePose(row, name);
+  pair->matches = DecodeMatches(row, name);
 }
 
 void RunWithCamera(const Camera& camera, std::optional<CameraId> id,
@@ -400,20 +395,13 @@ std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob) {
 }
 
 DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
-                                   const std::string& path,
                                    const std::string& name) {
-  const int64_t rows = row.Int(1);
   const BlobView blob = row.Blob(3);
-  if (rows == 0 && blob.size == 0) return DescriptorMatrix(0, kSiftColumns);
-  if (rows < 0 || row.Int(2) != kSiftColumns || blob.size % kSiftColumns != 0 ||
-      blob.size / kSiftColumns != static_cast<size_t>(rows)) {
-    ThrowDatabaseError(
-        path, "the descriptors of " + name + " are not SIFT's: " +
-                  std::to_string(blob.size) + " bytes for " +
-                  SizeText(rows, row.Int(2)) + " values" + kExtractAgain);
-  }
+  const size_t rows =
+      NumRows(row, blob, row.Int(2) == kSiftColumns ? kSiftColumns : 0,
+              "the descriptors of " + name + " are not SIFT's", kExtractAgain);
   DescriptorMatrix descriptors(rows, kSiftColumns);
-  std::memcpy(descriptors.data(), blob.data, blob.size);
+  if (rows > 0) std::memcpy(descriptors.data(), blob.data, blob.size);
   return descriptors;
 }
 

@@ -55,17 +55,16 @@ struct KeypointBlob {
   size_t cols = 0;  // 2, 4 or 6 floats
 };
 KeypointBlob DecodeKeypoints(const SqliteStatement& row,
-                             const std::string& path, const std::string& name);
+                             const std::string& name);
 std::vector<Match> DecodeMatches(const SqliteStatement& row,
-                                 const std::string& path,
                                  const std::string& name);
 
 // "SELECT pair_id, ... FROM `table`" with the columns for the reads below; NULL
 // for columns that old versions lack.
 std::string TwoViewGeometryQuery(const SqliteDatabase& database,
                                  const std::string& table);
-void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
-                           const std::string& name, TwoViewGeometryRow* pair);
+void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& name,
+                           TwoViewGeometryRow* pair);
 
 // All rows of pose_priors, by image, for all layouts of the table; that of 3.8
 // is in `images` and is not read. The position is not finite if the row has
@@ -98,7 +97,6 @@ constexpr int kSiftColumns = 128;
 // A row with rows, cols and data in the columns 1 to 3; `name` is the name of
 // the image. Throws Error unless the descriptors are SIFT's.
 DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
-                                   const std::string& path,
                                    const std::string& name);
 
 }  // namespace mgsfm

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "database/database_shard.h"
 
-#include <charconv>
+#include <re2/re2.h>
+
 #include <limits>
 
 #include "base/fingerprint.h"
@@ -11,13 +12,6 @@ namespace mgsfm {
 namespace {
 
 constexpr const char* kKindNames[] = {"features", "matches"};
-
-int ParseNumber(const std::string& text, size_t begin, size_t end) {
-  int number = 0;
-  const char* last = text.data() + end;
-  const auto [stop, error] = std::from_chars(text.data() + begin, last, number);
-  return error == std::errc() && stop == last ? number : 0;
-}
 
 void AddPose(const std::optional<Rigid3>& pose, Fingerprint* fingerprint) {
   fingerprint->Add(pose.has_value());
@@ -60,13 +54,9 @@ std::string Share::ToString() const {
 }
 
 Share ParseShare(const std::string& text) {
-  const size_t slash = text.find('/');
-  Share share{0, 0};
-  if (slash != std::string::npos) {
-    share.number = ParseNumber(text, 0, slash);
-    share.count = ParseNumber(text, slash + 1, text.size());
-  }
-  if (share.number < 1 || share.number > share.count) {
+  Share share;
+  if (!RE2::FullMatch(text, "(\\d+)/(\\d+)", &share.number, &share.count) ||
+      share.number < 1 || share.number > share.count) {
     throw Error("--shard '" + text +
                 "' is not i/n with 1 <= i <= n; the shares of 8 processes are "
                 "1/8 to 8/8");

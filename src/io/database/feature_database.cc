@@ -5,10 +5,8 @@
 #include <exception>
 #include <filesystem>
 #include <limits>
-#include <optional>
 #include <set>
 #include <system_error>
-#include <utility>
 
 #include "base/ranges.h"
 #include "database/database_reader.h"
@@ -80,6 +78,12 @@ class FeatureDatabase::Impl {
     }
   }
 
+  // Runs a statement that writes with these parameters.
+  template <class... Values>
+  void Run(const std::string& sql, const Values&... values) {
+    file().Prepare(sql).Run(values...);
+  }
+
   bool Has(const std::string& table, const std::string& key, int64_t id) const {
     return database()
         .Prepare("SELECT 1 FROM " + table + " WHERE " + key + " = ?1", id)
@@ -102,8 +106,9 @@ class FeatureDatabase::Impl {
     return static_cast<uint32_t>(last.Int(0));
   }
 
-  bool none_is_null() const { return none_is_null_; }
-  bool descriptors_have_type() const { return descriptors_have_type_; }
+  // Of the tables.
+  bool none_is_null = false;
+  bool descriptors_have_type = false;
 
  private:
   void CheckTables() const;
@@ -120,8 +125,6 @@ class FeatureDatabase::Impl {
   bool is_new_ = false;  // there was no file, and nothing has been written
   bool tables_are_pending_ = false;
   bool is_in_transaction_ = false;
-  bool none_is_null_ = false;
-  bool descriptors_have_type_ = false;
   bool images_have_priors_ = false;
   std::set<std::string> prior_columns_;
   std::set<std::string> prior_columns_before_;  // when the transaction began
@@ -147,8 +150,8 @@ FeatureDatabase::Impl::Impl(const std::string& path, OpenMode mode) {
   }
   SqliteStatement version = database().Prepare("PRAGMA user_version");
   version.Step();
-  none_is_null_ = version.Int(0) >= kFirstVersionWithNull;
-  descriptors_have_type_ = database().Columns("descriptors").count("type") > 0;
+  none_is_null = version.Int(0) >= kFirstVersionWithNull;
+  descriptors_have_type = database().Columns("descriptors").count("type") > 0;
   prior_columns_ = database().Columns("pose_priors");
   images_have_priors_ = database().Columns("images").count("prior_tx") > 0;
 }
@@ -275,11 +278,9 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   const bool is_version4 = HasPriorColumn("corr_data_id");
   if (is_version4) {
     // The key of a prior is not that of its image.
-    file()
-        .Prepare(
-            "DELETE FROM pose_priors WHERE corr_data_id = ?1 AND "
-            "corr_sensor_type = ?2")
-        .Run(prior.image_id, kCameraSensorType);
+    Run("DELETE FROM pose_priors WHERE corr_data_id = ?1 AND "
+        "corr_sensor_type = ?2",
+        prior.image_id, kCameraSensorType);
     SqliteStatement image = database().Prepare(
         "SELECT camera_id FROM images WHERE image_id = ?1", prior.image_id);
     MGSFM_CHECK_MSG(image.Step(), ImageName(prior.image_id));
@@ -296,19 +297,16 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   if (is_version4) add("corr_sensor_id, corr_sensor_type", "?5, ?6");
   // Coordinate systems come last: SQLite ignores a parameter below the last one
   // that does not occur.
-  file()
-      .Prepare("INSERT OR REPLACE INTO pose_priors (" + names + ") VALUES (" +
-               values + ")")
-      .Run(prior.image_id, BlobOf(prior.position.data(), 3),
-           BlobOf(covariance.data(), 9), BlobOf(gravity.data(), 3), camera_id,
-           kCameraSensorType, prior.coordinate_system);
+  Run("INSERT OR REPLACE INTO pose_priors (" + names + ") VALUES (" + values +
+          ")",
+      prior.image_id, BlobOf(prior.position.data(), 3),
+      BlobOf(covariance.data(), 9), BlobOf(gravity.data(), 3), camera_id,
+      kCameraSensorType, prior.coordinate_system);
   if (!images_have_priors_) return;
-  file()
-      .Prepare(
-          "UPDATE images SET prior_tx = ?2, prior_ty = ?3, prior_tz = ?4 "
-          "WHERE image_id = ?1")
-      .Run(prior.image_id, prior.position.x(), prior.position.y(),
-           prior.position.z());
+  Run("UPDATE images SET prior_tx = ?2, prior_ty = ?3, prior_tz = ?4 "
+      "WHERE image_id = ?1",
+      prior.image_id, prior.position.x(), prior.position.y(),
+      prior.position.z());
 }
 
 int64_t FeatureDatabase::Impl::FindOrAddRig(CameraId camera_id) {
@@ -318,11 +316,8 @@ int64_t FeatureDatabase::Impl::FindOrAddRig(CameraId camera_id) {
       "sensor_id = ?1 AND sensor_type = ?2",
       camera_id, kCameraSensorType);
   if (rig.Step()) return rig.Int(0);
-  file()
-      .Prepare(
-          "INSERT INTO rigs (ref_sensor_id, ref_sensor_type) "
-          "VALUES (?1, ?2)")
-      .Run(camera_id, kCameraSensorType);
+  Run("INSERT INTO rigs (ref_sensor_id, ref_sensor_type) VALUES (?1, ?2)",
+      camera_id, kCameraSensorType);
   return LastId();
 }
 
@@ -395,8 +390,8 @@ std::vector<FeatureKeypoint> FeatureDatabase::ReadKeypoints(
       "SELECT image_id, rows, cols, data FROM keypoints WHERE image_id = ?1",
       image_id);
   if (!row.Step()) return {};
-  return MakeFeatureKeypoints(DecodeKeypoints(
-      row, path(), "the keypoints of " + impl_->ImageName(image_id)));
+  return MakeFeatureKeypoints(
+      DecodeKeypoints(row, "the keypoints of " + impl_->ImageName(image_id)));
 }
 
 DescriptorMatrix FeatureDatabase::ReadDescriptors(ImageId image_id) const {
@@ -404,7 +399,7 @@ DescriptorMatrix FeatureDatabase::ReadDescriptors(ImageId image_id) const {
       "SELECT image_id, rows, cols, data FROM descriptors WHERE image_id = ?1",
       image_id);
   if (!row.Step()) return DescriptorMatrix(0, kSiftColumns);
-  return DecodeDescriptors(row, path(), impl_->ImageName(image_id));
+  return DecodeDescriptors(row, impl_->ImageName(image_id));
 }
 
 std::vector<Match> FeatureDatabase::ReadMatches(ImageId image_id1,
@@ -413,9 +408,7 @@ std::vector<Match> FeatureDatabase::ReadMatches(ImageId image_id1,
       "SELECT pair_id, rows, cols, data FROM matches WHERE pair_id = ?1",
       PairIdOf(image_id1, image_id2));
   if (!row.Step()) return {};
-  return InOrder(DecodeMatches(row, path(),
-                               impl_->ImageName(image_id1) + " and " +
-                                   impl_->ImageName(image_id2)),
+  return InOrder(DecodeMatches(row, impl_->PairName(image_id1, image_id2)),
                  image_id1, image_id2);
 }
 
@@ -428,8 +421,7 @@ std::optional<TwoViewGeometryRow> FeatureDatabase::ReadTwoViewGeometry(
   if (!row.Step()) return std::nullopt;
   TwoViewGeometryRow pair{std::min(image_id1, image_id2),
                           std::max(image_id1, image_id2)};
-  DecodeTwoViewGeometry(row, path(), impl_->PairName(image_id1, image_id2),
-                        &pair);
+  DecodeTwoViewGeometry(row, impl_->PairName(image_id1, image_id2), &pair);
   if (image_id2 < image_id1) SwapImages(&pair);
   return pair;
 }
@@ -470,20 +462,18 @@ ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id,
 }
 
 void FeatureDatabase::SetImageCamera(ImageId image_id, CameraId camera_id) {
-  impl_->file()
-      .Prepare("UPDATE images SET camera_id = ?2 WHERE image_id = ?1")
-      .Run(image_id, camera_id);
+  impl_->Run("UPDATE images SET camera_id = ?2 WHERE image_id = ?1", image_id,
+             camera_id);
 }
 
 void FeatureDatabase::WriteKeypoints(
     ImageId image_id, const std::vector<FeatureKeypoint>& keypoints) {
   static_assert(sizeof(FeatureKeypoint) == 6 * sizeof(float),
                 "as in the database");
-  impl_->file()
-      .Prepare(
-          "INSERT OR REPLACE INTO keypoints (image_id, rows, cols, data) "
-          "VALUES (?1, ?2, 6, ?3)")
-      .Run(image_id, keypoints.size(), BlobOf(keypoints));
+  impl_->Run(
+      "INSERT OR REPLACE INTO keypoints (image_id, rows, cols, data) "
+      "VALUES (?1, ?2, 6, ?3)",
+      image_id, keypoints.size(), BlobOf(keypoints));
 }
 
 void FeatureDatabase::WriteDescriptors(ImageId image_id,
@@ -493,15 +483,15 @@ void FeatureDatabase::WriteDescriptors(ImageId image_id,
   constexpr int kSift = 0;
   // The last parameter is that of data: SQLite ignores one below it that does
   // not occur.
-  impl_->file()
-      .Prepare(impl_->descriptors_have_type()
-                   ? "INSERT OR REPLACE INTO descriptors (image_id, rows, "
-                     "cols, type, data) VALUES (?1, ?2, ?3, ?4, ?5)"
-                   : "INSERT OR REPLACE INTO descriptors (image_id, rows, "
-                     "cols, data) VALUES (?1, ?2, ?3, ?5)")
-      .Run(image_id, descriptors.rows(), descriptors.cols(),
-           descriptors.cols() == kSiftColumns ? kSift : kUndefined,
-           BlobOf(descriptors.data(), static_cast<size_t>(descriptors.size())));
+  impl_->Run(
+      impl_->descriptors_have_type
+          ? "INSERT OR REPLACE INTO descriptors (image_id, rows, cols, type, "
+            "data) VALUES (?1, ?2, ?3, ?4, ?5)"
+          : "INSERT OR REPLACE INTO descriptors (image_id, rows, cols, data) "
+            "VALUES (?1, ?2, ?3, ?5)",
+      image_id, descriptors.rows(), descriptors.cols(),
+      descriptors.cols() == kSiftColumns ? kSift : kUndefined,
+      BlobOf(descriptors.data(), static_cast<size_t>(descriptors.size())));
 }
 
 void FeatureDatabase::WritePosePrior(const PosePriorRow& prior) {
@@ -511,11 +501,10 @@ void FeatureDatabase::WritePosePrior(const PosePriorRow& prior) {
 void FeatureDatabase::WriteMatches(ImageId image_id1, ImageId image_id2,
                                    const std::vector<Match>& matches) {
   const std::vector<Match> ordered = InOrder(matches, image_id1, image_id2);
-  impl_->file()
-      .Prepare(
-          "INSERT OR REPLACE INTO matches (pair_id, rows, cols, data) "
-          "VALUES (?1, ?2, 2, ?3)")
-      .Run(PairIdOf(image_id1, image_id2), ordered.size(), BlobOf(ordered));
+  impl_->Run(
+      "INSERT OR REPLACE INTO matches (pair_id, rows, cols, data) "
+      "VALUES (?1, ?2, 2, ?3)",
+      PairIdOf(image_id1, image_id2), ordered.size(), BlobOf(ordered));
 }
 
 void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
@@ -524,25 +513,22 @@ void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
       "(pair_id, rows, cols, data, config, F, E, H, qvec, tvec) "
       "VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
   if (pair.image_id1 < pair.image_id2) {
-    return WriteTwoViewGeometryRow(pair, impl_->none_is_null(), &row);
+    return WriteTwoViewGeometryRow(pair, impl_->none_is_null, &row);
   }
   TwoViewGeometryRow swapped = pair;
   SwapImages(&swapped);
-  WriteTwoViewGeometryRow(swapped, impl_->none_is_null(), &row);
+  WriteTwoViewGeometryRow(swapped, impl_->none_is_null, &row);
 }
 
 void FeatureDatabase::AddSingleImageFrame(ImageId image_id,
                                           CameraId camera_id) {
   impl_->InTransaction([&] {
-    impl_->file()
-        .Prepare("INSERT INTO frames (rig_id) VALUES (?1)")
-        .Run(impl_->FindOrAddRig(camera_id));
-    const uint32_t frame_id = impl_->LastId();
-    impl_->file()
-        .Prepare(
-            "INSERT INTO frame_data (frame_id, data_id, sensor_id, "
-            "sensor_type) VALUES (?1, ?2, ?3, ?4)")
-        .Run(frame_id, image_id, camera_id, kCameraSensorType);
+    impl_->Run("INSERT INTO frames (rig_id) VALUES (?1)",
+               impl_->FindOrAddRig(camera_id));
+    impl_->Run(
+        "INSERT INTO frame_data (frame_id, data_id, sensor_id, sensor_type) "
+        "VALUES (?1, ?2, ?3, ?4)",
+        impl_->LastId(), image_id, camera_id, kCameraSensorType);
   });
 }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "database/merged_structure.h"
 
-#include <algorithm>
 #include <limits>
 #include <optional>
 #include <set>
@@ -35,52 +34,40 @@ auto Values(const FrameDataRow& data) {
   return std::tie(data.camera_id, data.image_id);
 }
 
-// Rows that refer to cameras or rigs that do not exist.
-class ReferenceCheck {
- public:
-  explicit ReferenceCheck(const StructureInput& input) : input_(input) {
-    for (const Camera& camera : input.contents.cameras) {
-      cameras_.insert(camera.id);
-    }
-    for (const RigRow& rig : input.contents.rigs) rigs_.insert(rig.id);
-  }
-
-  void Check() const {
-    for (const RigRow& rig : input_.contents.rigs) {
-      const std::string name = "rig " + std::to_string(rig.id.value());
-      if (!rig.ref_camera_id)
-        Throw(name + " has a reference that is not a camera");
-      CheckCamera(name, *rig.ref_camera_id);
-      for (const RigSensorRow& sensor : rig.sensors) {
-        CheckCamera(name, sensor.camera_id);
-      }
-    }
-    for (const FrameRow& frame : input_.contents.frames) {
-      const std::string name = "frame " + std::to_string(frame.id.value());
-      if (rigs_.count(frame.rig_id) == 0) {
-        Throw(name + " has the rig " + std::to_string(frame.rig_id.value()) +
-              ", which does not exist");
-      }
-      for (const FrameDataRow& data : frame.data) {
-        CheckCamera(name, data.camera_id);
-      }
+// Throws Error for rows that refer to cameras or rigs that do not exist.
+void CheckReferences(const StructureInput& input) {
+  std::set<CameraId> cameras;
+  std::set<RigId> rigs;
+  for (const Camera& camera : input.contents.cameras) cameras.insert(camera.id);
+  const auto fail = [&](const std::string& problem) {
+    ThrowDatabaseError(input.path, problem + kConfigureAgain);
+  };
+  const auto check_camera = [&](const std::string& name, CameraId id) {
+    if (cameras.count(id) > 0) return;
+    fail(name + " has the camera " + std::to_string(id.value()) +
+         ", which does not exist");
+  };
+  for (const RigRow& rig : input.contents.rigs) {
+    rigs.insert(rig.id);
+    const std::string name = "rig " + std::to_string(rig.id.value());
+    if (!rig.ref_camera_id)
+      fail(name + " has a reference that is not a camera");
+    check_camera(name, *rig.ref_camera_id);
+    for (const RigSensorRow& sensor : rig.sensors) {
+      check_camera(name, sensor.camera_id);
     }
   }
-
- private:
-  [[noreturn]] void Throw(const std::string& problem) const {
-    ThrowDatabaseError(input_.path, problem + kConfigureAgain);
+  for (const FrameRow& frame : input.contents.frames) {
+    const std::string name = "frame " + std::to_string(frame.id.value());
+    if (rigs.count(frame.rig_id) == 0) {
+      fail(name + " has the rig " + std::to_string(frame.rig_id.value()) +
+           ", which does not exist");
+    }
+    for (const FrameDataRow& data : frame.data) {
+      check_camera(name, data.camera_id);
+    }
   }
-  void CheckCamera(const std::string& name, CameraId id) const {
-    if (cameras_.count(id) > 0) return;
-    Throw(name + " has the camera " + std::to_string(id.value()) +
-          ", which does not exist");
-  }
-
-  const StructureInput& input_;
-  std::set<CameraId> cameras_;
-  std::set<RigId> rigs_;
-};
+}
 
 std::string NameIn(const StructureInput& input, const std::string& name) {
   return input.prefix + name;
@@ -134,8 +121,8 @@ class CameraMerger {
     const Camera* camera = nullptr;
     std::string image_name;      // one of its images, for messages
     size_t first_image = kNone;  // positions in the result
-    size_t first_in_frame =
-        kNone;  // of images that it took according to frames
+    // Of images that it took according to frames.
+    size_t first_in_frame = kNone;
   };
 
   std::map<CameraId, size_t> AddNodes(size_t input);
@@ -257,15 +244,11 @@ void CameraMerger::NumberCameras() {
   }
   std::vector<std::pair<CameraNode, size_t>> order;
   for (const auto& [set, node] : merged) order.emplace_back(node, set);
-  std::stable_sort(order.begin(), order.end(),
-                   [](const auto& a, const auto& b) {
-                     const CameraNode &x = a.first, &y = b.first;
-                     return std::tie(x.first_image, x.first_in_frame) !=
-                                    std::tie(y.first_image, y.first_in_frame)
-                                ? std::tie(x.first_image, x.first_in_frame) <
-                                      std::tie(y.first_image, y.first_in_frame)
-                                : Intrinsics(*x.camera) < Intrinsics(*y.camera);
-                   });
+  StableSortBy(&order, [](const auto& entry) {
+    const CameraNode& node = entry.first;
+    return std::tuple_cat(std::tie(node.first_image, node.first_in_frame),
+                          Intrinsics(*node.camera));
+  });
   std::map<size_t, CameraId> id_of_set;
   for (const auto& [node, set] : order) {
     Camera camera = *node.camera;
@@ -346,14 +329,11 @@ size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
     const auto found = rig_of_camera_.find(sensor.camera_id);
     if (found == rig_of_camera_.end()) continue;
     const MergedRig& other = rigs_[found->second];
-    const bool is_equal =
-        std::equal(rig.sensors.begin(), rig.sensors.end(),
-                   other.rig.sensors.begin(), other.rig.sensors.end(),
-                   [](const RigSensorRow& a, const RigSensorRow& b) {
-                     return a.camera_id == b.camera_id &&
-                            ArePosesEqual(a.sensor_from_rig, b.sensor_from_rig);
-                   });
-    if (other.rig.ref_camera_id == rig.ref_camera_id && is_equal) {
+    const auto values = [](const RigSensorRow& row) {
+      return std::tie(row.camera_id, row.sensor_from_rig);
+    };
+    if (other.rig.ref_camera_id == rig.ref_camera_id &&
+        AreEqualBy(rig.sensors, other.rig.sensors, values)) {
       return found->second;
     }
     ThrowDatabaseError(
@@ -423,15 +403,8 @@ void RigMerger::NumberRigsAndFrames() {
 
 }  // namespace
 
-bool ArePosesEqual(const std::optional<Rigid3>& a,
-                   const std::optional<Rigid3>& b) {
-  if (!a || !b) return a.has_value() == b.has_value();
-  return a->rotation.coeffs() == b->rotation.coeffs() &&
-         a->translation == b->translation;
-}
-
 MergedStructure MergeStructures(const std::vector<StructureInput>& inputs) {
-  for (const StructureInput& input : inputs) ReferenceCheck(input).Check();
+  for (const StructureInput& input : inputs) CheckReferences(input);
   MergedStructure merged = MergeImages(inputs);
   const CameraIds camera_ids = CameraMerger(inputs, &merged).Merge();
   RigMerger(inputs, camera_ids, &merged).Merge();

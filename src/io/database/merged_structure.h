@@ -4,20 +4,17 @@
 #include <algorithm>
 #include <cstdint>
 #include <map>
-#include <optional>
 #include <string>
 #include <unordered_map>
 #include <vector>
 
+#include "database/database_merging.h"
 #include "mgsfm/database/database.h"
 
 namespace mgsfm {
 
 // The cameras, images, rigs and frames of one of the databases to merge.
-struct StructureInput {
-  std::string path;
-  std::string prefix;   // of the image names in the result
-  std::string vehicle;  // shares cameras and rigs; "" for none
+struct StructureInput : MergeInput {
   DatabaseContents contents;
   std::map<CameraId, std::string> shard_cameras;  // see database_shard.h
 };
@@ -31,10 +28,6 @@ struct MergedStructure {
   std::vector<std::unordered_map<int64_t, size_t>> image_positions;
   bool has_common_images = false;
 };
-
-// Whether two poses are the same to the last bit, or both absent.
-bool ArePosesEqual(const std::optional<Rigid3>& a,
-                   const std::optional<Rigid3>& b);
 
 // Whether two lists have the same values of `key`.
 template <class T, class Key>

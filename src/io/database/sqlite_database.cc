@@ -10,9 +10,9 @@
 #include <new>
 #include <string_view>
 #include <system_error>
-#include <utility>
 
 #include "base/file_reading.h"
+#include "base/nanoseconds.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -70,6 +70,67 @@ void ThrowUnlessOk(int result, const std::string& path, sqlite3* db) {
   ThrowDatabaseError(path, Describe(result, sqlite3_errmsg(db)));
 }
 
+namespace fs = std::filesystem;
+
+// Files beside a database that may hold changes to it: the write-ahead log,
+// and the journal with which an interrupted transaction is undone.
+constexpr const char* kSideFileSuffixes[] = {"-wal", "-journal"};
+
+// Every database begins with a header of this form; see "The Database Header"
+// in the documentation of SQLite's file format.
+constexpr size_t kHeaderSize = 100;
+constexpr std::string_view kMagic("SQLite format 3\0", 16);
+
+// Zeros beyond the end of the file.
+std::string ReadHeader(const std::string& path) {
+  std::string header = ReadFile(path, "database '" + path + "'", kHeaderSize);
+  header.resize(kHeaderSize);
+  return header;
+}
+
+uint64_t BigEndian(const std::string& bytes, size_t begin, size_t size) {
+  uint64_t value = 0;
+  for (size_t i = begin; i < begin + size; ++i) {
+    value = value << 8 | static_cast<unsigned char>(bytes[i]);
+  }
+  return value;
+}
+
+void CheckIsDatabase(const std::string& path) {
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (!fs::exists(status)) {
+    ThrowDatabaseError(path, "there is no such file; check the path");
+  }
+  if (!fs::is_regular_file(status)) {
+    ThrowDatabaseError(path, "is not a file; give the database file itself");
+  }
+  if (!HasDatabaseHeader(path)) {
+    ThrowDatabaseError(path,
+                       "is not an SQLite database; give the one that COLMAP's "
+                       "feature extractor made");
+  }
+}
+
+// SQLite itself notices a missing page only when it reads the page.
+void CheckIsComplete(const std::string& path) {
+  const std::string header = ReadHeader(path);
+  const uint64_t page_size = BigEndian(header, 16, 2);
+  // 65536 does not fit in two bytes; 1 stands for it.
+  const uint64_t num_bytes =
+      (page_size == 1 ? 65536 : page_size) * BigEndian(header, 28, 4);
+  const bool is_current = BigEndian(header, 24, 4) == BigEndian(header, 92, 4);
+  const uint64_t expected =
+      std::max<uint64_t>(is_current ? num_bytes : 0, kHeaderSize);
+  std::error_code error;
+  const uint64_t size = fs::file_size(path, error);
+  if (error || size >= expected) return;
+  ThrowDatabaseError(path, "is truncated, it has " + std::to_string(size) +
+                               " bytes instead of at least " +
+                               std::to_string(expected) +
+                               "; copy it again from where it was made");
+}
+
 }  // namespace
 
 void ThrowDatabaseError(const std::string& path, const std::string& problem) {
@@ -122,14 +183,6 @@ int SqliteStatement::CountBytes(int column) const {
   if (static_cast<uint64_t>(size) > num_bytes_left_) Check(SQLITE_INTERRUPT);
   num_bytes_left_ -= static_cast<uint64_t>(size);
   return size;
-}
-
-void SqliteStatement::BindInt(int parameter, int64_t value) {
-  Check(sqlite3_bind_int64(statement_.get(), parameter, value));
-}
-
-void SqliteStatement::BindDouble(int parameter, double value) {
-  Check(sqlite3_bind_double(statement_.get(), parameter, value));
 }
 
 void SqliteStatement::BindText(int parameter, const std::string& value) {
@@ -281,71 +334,6 @@ std::set<std::string> SqliteDatabase::Columns(const std::string& table) const {
   return columns;
 }
 
-namespace {
-
-namespace fs = std::filesystem;
-
-// Files beside a database that may hold changes to it: the write-ahead log,
-// and the journal with which an interrupted transaction is undone.
-constexpr const char* kSideFileSuffixes[] = {"-wal", "-journal"};
-
-// Every database begins with a header of this form; see "The Database Header"
-// in the documentation of SQLite's file format.
-constexpr size_t kHeaderSize = 100;
-constexpr std::string_view kMagic("SQLite format 3\0", 16);
-
-// Zeros beyond the end of the file.
-std::string ReadHeader(const std::string& path) {
-  std::string header = ReadFile(path, "database '" + path + "'", kHeaderSize);
-  header.resize(kHeaderSize);
-  return header;
-}
-
-uint64_t BigEndian(const std::string& bytes, size_t begin, size_t size) {
-  uint64_t value = 0;
-  for (size_t i = begin; i < begin + size; ++i) {
-    value = value << 8 | static_cast<unsigned char>(bytes[i]);
-  }
-  return value;
-}
-
-void CheckIsDatabase(const std::string& path) {
-  std::error_code error;
-  const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) {
-    ThrowDatabaseError(path, "there is no such file; check the path");
-  }
-  if (!fs::is_regular_file(status)) {
-    ThrowDatabaseError(path, "is not a file; give the database file itself");
-  }
-  if (!HasDatabaseHeader(path)) {
-    ThrowDatabaseError(path,
-                       "is not an SQLite database; give the one that COLMAP's "
-                       "feature extractor made");
-  }
-}
-
-// SQLite itself notices a missing page only when it reads the page.
-void CheckIsComplete(const std::string& path) {
-  const std::string header = ReadHeader(path);
-  const uint64_t page_size = BigEndian(header, 16, 2);
-  // 65536 does not fit in two bytes; 1 stands for it.
-  const uint64_t num_bytes =
-      (page_size == 1 ? 65536 : page_size) * BigEndian(header, 28, 4);
-  const bool is_current = BigEndian(header, 24, 4) == BigEndian(header, 92, 4);
-  const uint64_t expected =
-      std::max<uint64_t>(is_current ? num_bytes : 0, kHeaderSize);
-  std::error_code error;
-  const uint64_t size = fs::file_size(path, error);
-  if (error || size >= expected) return;
-  ThrowDatabaseError(path, "is truncated, it has " + std::to_string(size) +
-                               " bytes instead of at least " +
-                               std::to_string(expected) +
-                               "; copy it again from where it was made");
-}
-
-}  // namespace
-
 bool HasDatabaseHeader(const std::string& path) {
   return ReadHeader(path).compare(0, kMagic.size(), kMagic) == 0;
 }
@@ -366,28 +354,23 @@ TemporaryFolder::~TemporaryFolder() {
   fs::remove_all(path_, ignored);
 }
 
-bool SqliteSnapshot::FileState::operator==(const FileState& other) const {
-  return size == other.size && seconds == other.seconds &&
-         nanoseconds == other.nanoseconds;
-}
-
 SqliteSnapshot::FileState SqliteSnapshot::StateOf(const std::string& file) {
   struct stat status;
-  if (stat(file.c_str(), &status) != 0) return {};
+  if (stat(file.c_str(), &status) != 0) return {-1, 0};
 #ifdef __APPLE__
   const timespec& changed = status.st_mtimespec;
 #else
   const timespec& changed = status.st_mtim;
 #endif
-  return {status.st_size, changed.tv_sec, changed.tv_nsec};
+  return {status.st_size, changed.tv_sec * kNsPerSecond + changed.tv_nsec};
 }
 
 std::vector<SqliteSnapshot::FileState> SqliteSnapshot::States() const {
   std::vector<FileState> states = {StateOf(path_)};
   for (const char* suffix : kSideFileSuffixes) {
-    FileState state = StateOf(path_ + suffix);
+    const FileState state = StateOf(path_ + suffix);
     // An empty side file counts as absent.
-    states.push_back(state.size > 0 ? state : FileState());
+    states.push_back(state.first > 0 ? state : FileState(-1, 0));
   }
   return states;
 }
@@ -399,7 +382,7 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
   states_ = States();
   std::vector<std::string> side_files;
   for (const char* suffix : kSideFileSuffixes) {
-    if (StateOf(path_ + suffix).size > 0) side_files.emplace_back(suffix);
+    if (StateOf(path_ + suffix).first > 0) side_files.emplace_back(suffix);
   }
   if (side_files.empty()) {
     CheckIsComplete(path_);
@@ -408,8 +391,8 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
     OpenCopy(side_files);
   }
   int64_t num_bytes = 0;
-  for (const FileState& state : states_) {
-    num_bytes += std::max<int64_t>(0, state.size);
+  for (const auto& [size, time_ns] : states_) {
+    num_bytes += std::max<int64_t>(0, size);
   }
   database_->LimitWork(static_cast<uint64_t>(num_bytes));
 }
@@ -438,8 +421,7 @@ void SqliteSnapshot::OpenCopy(const std::vector<std::string>& side_files) {
 }
 
 void SqliteSnapshot::CheckUnchanged() const {
-  const std::vector<FileState> states = States();
-  if (states.size() != states_.size() || !(states == states_)) ThrowChanged();
+  if (States() != states_) ThrowChanged();
 }
 
 void SqliteSnapshot::ThrowChanged() const {

@@ -10,6 +10,7 @@
 #include <set>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace mgsfm {
@@ -63,25 +64,26 @@ class SqliteStatement {
   int64_t Int(int column) const;
   std::string Text(int column) const;
   BlobView Blob(int column) const;
+  // Of the database.
+  const std::string& path() const { return path_; }
 
  private:
   template <class Value>
   void BindOne(int parameter, const Value& value) {
+    sqlite3_stmt* const row = statement_.get();
     if constexpr (std::is_integral_v<Value> || std::is_enum_v<Value>) {
-      BindInt(parameter, static_cast<int64_t>(value));
+      Check(sqlite3_bind_int64(row, parameter, static_cast<int64_t>(value)));
     } else if constexpr (std::is_floating_point_v<Value>) {
-      BindDouble(parameter, value);
+      Check(sqlite3_bind_double(row, parameter, value));
     } else if constexpr (std::is_convertible_v<Value, std::string>) {
       BindText(parameter, value);
     } else if constexpr (std::is_convertible_v<Value,
                                                std::optional<BlobView>>) {
       BindBlob(parameter, value);
     } else {
-      BindInt(parameter, value.value());
+      BindOne(parameter, value.value());
     }
   }
-  void BindInt(int parameter, int64_t value);
-  void BindDouble(int parameter, double value);
   void BindText(int parameter, const std::string& value);
   void BindBlob(int parameter, const std::optional<BlobView>& blob);
   void Check(int result) const;
@@ -187,13 +189,9 @@ class SqliteSnapshot {
   void CheckUnchanged() const;
 
  private:
-  // Size and time of the database and its side files; absent files have none.
-  struct FileState {
-    int64_t size = -1;
-    int64_t seconds = 0;
-    int64_t nanoseconds = 0;
-    bool operator==(const FileState& other) const;
-  };
+  // Size and time (ns) of the database and its side files; absent files have
+  // the size -1.
+  using FileState = std::pair<int64_t, int64_t>;
   static FileState StateOf(const std::string& file);
   std::vector<FileState> States() const;
   [[noreturn]] void ThrowChanged() const;

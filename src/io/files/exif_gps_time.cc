@@ -24,6 +24,19 @@ std::string BytesOf(Exiv2::Image* image) {
           static_cast<size_t>(bytes.size_)};
 }
 
+// Calls use(image) with the open image. Does nothing for a format without tags,
+// and ends early for damaged tags.
+template <class Use>
+void UseTags(const std::string& file, const Use& use) {
+  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
+  try {
+    use(OpenImage(file).get());
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception&) {
+  }
+}
+
 bool IsPlaceOrTime(const std::string& key) {
   return key.compare(0, 13, "Exif.GPSInfo.") == 0 ||
          key == "Exif.Photo.DateTimeOriginal" ||
@@ -44,56 +57,44 @@ struct ExifGpsTime::Tags {
 
 ExifGpsTime::ExifGpsTime(const std::string& file)
     : tags_(std::make_unique<Tags>()) {
-  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
-  try {
-    const auto image = OpenImage(file);
+  UseTags(file, [&](Exiv2::Image* image) {
+    Exiv2::ExifData tags;
     for (const Exiv2::Exifdatum& tag : image->exifData()) {
-      if (IsPlaceOrTime(tag.key())) tags_->data.add(tag);
+      if (IsPlaceOrTime(tag.key())) tags.add(tag);
     }
-  } catch (const std::bad_alloc&) {
-    throw;
-  } catch (const std::exception&) {
-    tags_->data.clear();  // a format without tags, or damaged tags
-  }
+    tags_->data = tags;
+  });
 }
 
 ExifGpsTime::~ExifGpsTime() = default;
 
 std::string ExifGpsTime::AddTo(const std::string& file) const {
-  if (tags_->data.empty()) return file;
-  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
-  try {
-    const auto image = OpenImage(file);
+  std::string tagged = file;
+  if (tags_->data.empty()) return tagged;
+  UseTags(file, [&](Exiv2::Image* image) {
     image->setExifData(tags_->data);
     image->writeMetadata();
-    return BytesOf(image.get());
-  } catch (const std::bad_alloc&) {
-    throw;
-  } catch (const std::exception&) {
-    return file;  // a format without tags
-  }
+    tagged = BytesOf(image);
+  });
+  return tagged;
 }
 
 std::string WithoutOrientation(const std::string& file) {
   constexpr uint16_t kAsStored = 1;
-  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
-  try {
-    const auto image = OpenImage(file);
+  std::string upright = file;
+  UseTags(file, [&](Exiv2::Image* image) {
     Exiv2::ExifData& tags = image->exifData();
     const auto tag = tags.findKey(Exiv2::ExifKey("Exif.Image.Orientation"));
     const auto xmp =
         image->xmpData().findKey(Exiv2::XmpKey("Xmp.tiff.Orientation"));
     const bool has_xmp = xmp != image->xmpData().end();
-    if (tag == tags.end() && !has_xmp) return file;
+    if (tag == tags.end() && !has_xmp) return;
     if (tag != tags.end()) *tag = kAsStored;
     if (has_xmp) image->xmpData().erase(xmp);
     image->writeMetadata();
-    return BytesOf(image.get());
-  } catch (const std::bad_alloc&) {
-    throw;
-  } catch (const std::exception&) {
-    return file;  // a format without tags, or damaged tags
-  }
+    upright = BytesOf(image);
+  });
+  return upright;
 }
 
 }  // namespace mgsfm

@@ -16,13 +16,8 @@ namespace mgsfm {
 
 namespace fs = std::filesystem;
 
-fs::path MaskPathOf(const fs::path& mask_path, const std::string& image_name) {
-  return mask_path / (image_name + ".png");
-}
-
-fs::path CameraMaskPathOf(const fs::path& mask_path,
-                          const std::string& image_folder) {
-  return mask_path / (image_folder + ".png");
+fs::path MaskPathOf(const fs::path& mask_path, const std::string& name) {
+  return mask_path / (name + ".png");
 }
 
 namespace {
@@ -39,33 +34,36 @@ std::optional<std::string> PathBelow(const fs::path& path,
   return below == "." ? "" : below.string();
 }
 
-// The names of the PNG files in the image folder itself that are masks.
-class MasksBesideImages {
- public:
-  explicit MasksBesideImages(const std::vector<std::string>& names)
-      : names_(names.begin(), names.end()) {}
+// A mask as CV_8U: 0 hides, 255 shows, also for masks of more than 8 bits.
+// Throws Error; its message continues the file name: "is truncated; ...".
+cv::Mat ReadMask(const fs::path& path, int64_t max_num_pixels) {
+  const DecodedImage mask =
+      DecodeImage(ReadFile(path, "is a file that"),
+                  cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH |
+                      cv::IMREAD_IGNORE_ORIENTATION,
+                  max_num_pixels);
+  return mask.pixels != 0;
+}
 
-  bool IsOfImage(const std::string& name) const {
-    return IsPng(name) && names_.count(Key(name)) > 0;
+// The first PNG file below the folder that is neither a mask in use nor an
+// image; empty if there is none.
+std::string FindMisnamedMask(const fs::path& folder,
+                             const std::set<fs::path>& used,
+                             const std::vector<std::string>& image_names) {
+  const std::set<std::string> images(image_names.begin(), image_names.end());
+  std::string first;
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder, error), end;
+       !error && it != end; it.increment(error)) {
+    const std::string name = it->path().lexically_relative(folder).string();
+    if (it->path().extension() != ".png" || used.count(it->path()) > 0 ||
+        images.count(name) > 0) {
+      continue;
+    }
+    if (first.empty() || name < first) first = name;
   }
-  bool IsOfFolder(const std::string& name) const {
-    if (!IsPng(name)) return false;
-    const std::string folder = Key(name) + '/';
-    const auto first = names_.lower_bound(folder);
-    return first != names_.end() &&
-           first->compare(0, folder.size(), folder) == 0;
-  }
-
- private:
-  static bool IsPng(const std::string& name) {
-    return fs::path(name).extension() == ".png";
-  }
-  static std::string Key(const std::string& name) {
-    return name.substr(0, name.size() - 4);
-  }
-
-  std::set<std::string> names_;
-};
+  return first;
+}
 
 }  // namespace
 
@@ -74,7 +72,7 @@ void RemoveMasks(const fs::path& image_path, const MaskPaths& mask_paths,
   const auto of_images = PathBelow(mask_paths.of_images, image_path);
   const auto of_cameras = PathBelow(mask_paths.of_cameras, image_path);
   if (!of_images && !of_cameras) return;
-  const MasksBesideImages beside(*names);
+  const std::set<std::string> all(names->begin(), names->end());
   const auto is_mask = [&](const std::string& name) {
     // A folder of its own holds masks only.
     for (const auto& path : {of_images, of_cameras}) {
@@ -82,19 +80,17 @@ void RemoveMasks(const fs::path& image_path, const MaskPaths& mask_paths,
       if (name.compare(0, path->size() + 1, *path + '/') == 0) return true;
     }
     if (of_cameras == name) return true;
-    return (of_images == "" && beside.IsOfImage(name)) ||
-           (of_cameras == "" && beside.IsOfFolder(name));
+    if (fs::path(name).extension() != ".png") return false;
+    // In the image folder itself, masks are beside what they hide.
+    const std::string hidden = name.substr(0, name.size() - 4);
+    const auto inside = all.lower_bound(hidden + '/');
+    const bool is_of_folder =
+        inside != all.end() &&
+        inside->compare(0, hidden.size() + 1, hidden + '/') == 0;
+    return (of_images == "" && all.count(hidden) > 0) ||
+           (of_cameras == "" && is_of_folder);
   };
   EraseIf(names, is_mask);
-}
-
-cv::Mat ReadMask(const fs::path& path, int64_t max_num_pixels) {
-  const DecodedImage mask =
-      DecodeImage(ReadFile(path, "is a file that"),
-                  cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH |
-                      cv::IMREAD_IGNORE_ORIENTATION,
-                  max_num_pixels);
-  return mask.pixels != 0;
 }
 
 void ImageMasks::Check(const std::vector<std::string>& image_names,
@@ -154,30 +150,6 @@ void ImageMasks::CheckFolderOfImages(
                   " images have no mask in " + folder + ", such as " + remedy);
 }
 
-namespace {
-
-// The first PNG file below the folder that is neither a mask in use nor an
-// image; empty if there is none.
-std::string FindMisnamedMask(const fs::path& folder,
-                             const std::set<fs::path>& used,
-                             const std::vector<std::string>& image_names) {
-  const std::set<std::string> images(image_names.begin(), image_names.end());
-  std::string first;
-  std::error_code error;
-  for (fs::recursive_directory_iterator it(folder, error), end;
-       !error && it != end; it.increment(error)) {
-    const std::string name = it->path().lexically_relative(folder).string();
-    if (it->path().extension() != ".png" || used.count(it->path()) > 0 ||
-        images.count(name) > 0) {
-      continue;
-    }
-    if (first.empty() || name < first) first = name;
-  }
-  return first;
-}
-
-}  // namespace
-
 void ImageMasks::CheckFolderOfCameras(
     const std::vector<std::string>& image_names, const std::string& option,
     const Context& context) const {
@@ -215,7 +187,7 @@ fs::path ImageMasks::CameraMaskOf(const std::string& image_name) const {
   if (!fs::is_directory(paths_.of_cameras, ignored)) return paths_.of_cameras;
   for (std::string folder = FolderOfName(image_name); !folder.empty();
        folder = FolderOfName(folder)) {
-    fs::path path = CameraMaskPathOf(paths_.of_cameras, folder);
+    fs::path path = MaskPathOf(paths_.of_cameras, folder);
     if (fs::exists(path, ignored)) return path;
   }
   return {};

@@ -26,24 +26,15 @@ struct MaskPaths {
   bool empty() const { return of_images.empty() && of_cameras.empty(); }
 };
 
-// The path of the mask of an image, for all commands: a/b.jpg.png in the mask
-// folder for a/b.jpg.
+// The path of the mask of an image or of the images in a folder, for all
+// commands: a/b.jpg.png in the mask folder for a/b.jpg, a/b.png for a/b.
 std::filesystem::path MaskPathOf(const std::filesystem::path& mask_path,
-                                 const std::string& image_name);
-
-// The path of the mask of the images in a folder: a/b.png in the mask folder
-// for a/b.
-std::filesystem::path CameraMaskPathOf(const std::filesystem::path& mask_path,
-                                       const std::string& image_folder);
+                                 const std::string& name);
 
 // Removes the masks from the names of the files below a folder of images that
 // also has masks in it.
 void RemoveMasks(const std::filesystem::path& image_path,
                  const MaskPaths& mask_paths, std::vector<std::string>* names);
-
-// A mask as CV_8U: 0 hides, 255 shows, also for masks of more than 8 bits.
-// Throws Error; its message continues the file name: "is truncated; ...".
-cv::Mat ReadMask(const std::filesystem::path& path, int64_t max_num_pixels);
 
 // The masks of images, for all commands. Reading is thread-safe.
 class ImageMasks {

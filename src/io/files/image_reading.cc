@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <filesystem>
 #include <iostream>
 #include <limits>
 #include <new>
@@ -11,6 +12,7 @@
 #include <string_view>
 
 #include "base/memory.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
@@ -33,17 +35,18 @@ class Bytes {
     return begin <= file_.size() &&
            file_.compare(begin, text.size(), text) == 0;
   }
-  uint64_t BigEndian(size_t begin, size_t num_bytes) const {
+  uint64_t Number(size_t begin, size_t num_bytes, bool is_little) const {
     uint64_t value = 0;
-    for (size_t i = 0; i < num_bytes; ++i)
-      value = value << 8 | (*this)[begin + i];
+    for (size_t i = 0; i < num_bytes; ++i) {
+      value = value << 8 | (*this)[begin + (is_little ? num_bytes - 1 - i : i)];
+    }
     return value;
   }
+  uint64_t BigEndian(size_t begin, size_t num_bytes) const {
+    return Number(begin, num_bytes, false);
+  }
   uint64_t LittleEndian(size_t begin, size_t num_bytes) const {
-    uint64_t value = 0;
-    for (size_t i = num_bytes; i-- > 0;)
-      value = value << 8 | (*this)[begin + i];
-    return value;
+    return Number(begin, num_bytes, true);
   }
 
  private:
@@ -101,32 +104,46 @@ bool IsCompletePng(const Bytes& file) {
   return false;
 }
 
-// The first directory of a TIFF file (TIFF 6.0, section 2): entries of tag,
-// type, count and value. The decoder allocates a tile, too, which may be larger
-// than the image.
+// Calls use(tag, type, position) for the entries of the first directory of a
+// TIFF file (TIFF 6.0, section 2): tag, type, count and value, which is at the
+// position.
+template <class Use>
+void ForEachTiffEntry(const Bytes& file, bool is_little, const Use& use) {
+  const size_t directory = file.Number(4, 4, is_little);
+  const size_t num_entries = file.Number(directory, 2, is_little);
+  for (size_t k = 0; k < num_entries; ++k) {
+    const size_t entry = directory + 2 + 12 * k;
+    use(file.Number(entry, 2, is_little), file.Number(entry + 2, 2, is_little),
+        entry + 8);
+  }
+}
+
+bool IsLittleTiff(const Bytes& file) {
+  return file.Has(0, std::string_view("II*\0", 4));
+}
+
+bool IsTiff(const Bytes& file) {
+  return IsLittleTiff(file) || file.Has(0, std::string_view("MM\0*", 4));
+}
+
+// The decoder allocates a tile, too, which may be larger than the image.
 std::optional<ImageSize> ReadTiffSize(const Bytes& file) {
-  const bool is_little = file.Has(0, "II");
-  const auto number = [&](size_t begin, size_t num_bytes) {
-    return is_little ? file.LittleEndian(begin, num_bytes)
-                     : file.BigEndian(begin, num_bytes);
-  };
   constexpr uint64_t kWidth = 256, kHeight = 257;
   constexpr uint64_t kTileWidth = 322, kTileHeight = 323;
   constexpr uint64_t kShort = 3, kLong = 4;
-  ImageSize size;
-  const size_t directory = number(4, 4);
-  const size_t num_entries = number(directory, 2);
-  for (size_t k = 0; k < num_entries; ++k) {
-    const size_t entry = directory + 2 + 12 * k;
-    const uint64_t tag = number(entry, 2), type = number(entry + 2, 2);
-    const bool is_width = tag == kWidth || tag == kTileWidth;
-    if (!is_width && tag != kHeight && tag != kTileHeight) continue;
-    if (type != kShort && type != kLong) return std::nullopt;
-    const auto value =
-        static_cast<int64_t>(number(entry + 8, type == kShort ? 2 : 4));
-    int64_t& side = is_width ? size.width : size.height;
-    side = std::max(side, value);
-  }
+  const bool is_little = IsLittleTiff(file);
+  std::optional<ImageSize> size = ImageSize();
+  ForEachTiffEntry(
+      file, is_little, [&](uint64_t tag, uint64_t type, size_t position) {
+        const bool is_width = tag == kWidth || tag == kTileWidth;
+        const bool is_height = tag == kHeight || tag == kTileHeight;
+        if (!size || !(is_width || is_height)) return;
+        if (type != kShort && type != kLong) return size.reset();
+        int64_t& side = is_width ? size->width : size->height;
+        side =
+            std::max(side, static_cast<int64_t>(file.Number(
+                               position, type == kShort ? 2 : 4, is_little)));
+      });
   return size;
 }
 
@@ -179,10 +196,7 @@ ImageSize ReadBmpSize(const Bytes& file) {
 std::optional<ImageSize> ReadSize(const Bytes& file) {
   if (IsJpeg(file)) return ReadJpeg(file).size;
   if (IsPng(file)) return SizeOf(file.BigEndian(16, 4), file.BigEndian(20, 4));
-  if (file.Has(0, std::string_view("II*\0", 4)) ||
-      file.Has(0, std::string_view("MM\0*", 4))) {
-    return ReadTiffSize(file);
-  }
+  if (IsTiff(file)) return ReadTiffSize(file);
   if (file.Has(0, "BM")) return ReadBmpSize(file);
   if (file[0] == 'P' && file[1] >= '1' && file[1] <= '6') {
     return ReadPortableSize(file);
@@ -264,24 +278,18 @@ bool MayHaveSixteenBits(const Bytes& file) {
 // The position of the tag Orientation in the first directory of a TIFF file: of
 // the lower byte of its value.
 std::optional<size_t> FindTiffOrientation(const Bytes& file) {
-  const bool is_little = file.Has(0, std::string_view("II*\0", 4));
-  if (!is_little && !file.Has(0, std::string_view("MM\0*", 4))) {
-    return std::nullopt;
-  }
-  const auto number = [&](size_t begin, size_t num_bytes) {
-    return is_little ? file.LittleEndian(begin, num_bytes)
-                     : file.BigEndian(begin, num_bytes);
-  };
   constexpr uint64_t kOrientation = 274;
-  const size_t directory = number(4, 4);
-  const size_t num_entries = number(directory, 2);
-  for (size_t k = 0; k < num_entries; ++k) {
-    const size_t entry = directory + 2 + 12 * k;
-    if (number(entry, 2) != kOrientation) continue;
-    const size_t position = entry + 8 + (is_little ? 0 : 1);
-    if (position < file.size()) return position;
-  }
-  return std::nullopt;
+  std::optional<size_t> found;
+  if (!IsTiff(file)) return found;
+  const bool is_little = IsLittleTiff(file);
+  ForEachTiffEntry(
+      file, is_little, [&](uint64_t tag, uint64_t /*type*/, size_t position) {
+        if (!is_little) ++position;
+        if (tag == kOrientation && !found && position < file.size()) {
+          found = position;
+        }
+      });
+  return found;
 }
 
 cv::Mat Decode(const std::string& file, int imread_flags) {
@@ -306,6 +314,15 @@ bool UsesTwelveBits(const cv::Mat& pixels) {
   if (pixels.depth() != CV_16U) return false;
   cv::minMaxLoc(pixels.reshape(1), nullptr, &max);
   return max > 0.0 && max <= kMaxOfTwelveBits;
+}
+
+// Sets up the codecs of OpenCV in the calling thread. GDAL, one of them, ends
+// the process if memory runs out there, so memory is tested first.
+void SetUpCodecs() {
+  RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
+  std::string image = "P5 1 1 255\n0";
+  const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
+  (void)cv::imdecode(view, cv::IMREAD_GRAYSCALE);
 }
 
 }  // namespace
@@ -364,31 +381,13 @@ cv::Mat DecodeForDisplay(const std::string& file, int imread_flags) {
 }
 
 bool StaysInFolder(const std::string& name) {
-  bool is_inside = !name.empty() && name.front() != '/';
-  for (size_t begin = 0; begin <= name.size();) {
-    const size_t end = std::min(name.find('/', begin), name.size());
-    is_inside &= name.compare(begin, end - begin, "..") != 0;
-    begin = end + 1;
-  }
-  return is_inside;
+  const std::filesystem::path path(name);
+  return !name.empty() && path.is_relative() && !Contains(path, "..");
 }
 
 void RethrowLackOfMemory(const cv::Exception& exception) {
   if (exception.code == cv::Error::StsNoMem) throw std::bad_alloc();
 }
-
-namespace {
-
-// Sets up the codecs of OpenCV in the calling thread. GDAL, one of them, ends
-// the process if memory runs out there, so memory is tested first.
-void SetUpCodecs() {
-  RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
-  std::string image = "P5 1 1 255\n0";
-  const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
-  (void)cv::imdecode(view, cv::IMREAD_GRAYSCALE);
-}
-
-}  // namespace
 
 QuietImageLibraries::QuietImageLibraries()
     : num_threads_(cv::getNumThreads()),

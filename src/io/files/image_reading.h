@@ -21,6 +21,13 @@ struct ImageSize {
   int64_t height = 0;
 };
 
+// The longest side that OpenCV reads (OPENCV_IO_MAX_IMAGE_WIDTH).
+constexpr int kMaxImageSide_px = 1 << 20;
+
+// ReadImageSize needs no more bytes of a file. Only tags precede the size; the
+// largest one, a preview, has at most 64 KiB.
+constexpr size_t kMaxImageHeaderBytes = size_t{1} << 20;
+
 // The size in the header of an image file; nullopt for other formats and
 // damaged headers. Decodes no pixels.
 std::optional<ImageSize> ReadImageSize(const std::string& file);

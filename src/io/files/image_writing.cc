@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "files/image_writing.h"
 
-#include <cstdint>
-#include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <string>
 
 #include "files/file_operations.h"
 #include "files/image_reading.h"

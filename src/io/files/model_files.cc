@@ -2,49 +2,37 @@
 #include "files/model_files.h"
 
 #include <algorithm>
-#include <iterator>
 #include <system_error>
 
+#include "base/ranges.h"
 #include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
-namespace {
 
 namespace fs = std::filesystem;
 
-template <size_t N>
-bool Contains(const char* const (&names)[N], const fs::path& name) {
-  return std::find(std::begin(names), std::end(names), name) != std::end(names);
-}
-
-}  // namespace
-
 bool IsModelFileName(const fs::path& name) {
-  constexpr const char* kTables[] = {"cameras", "images", "points3D", "rigs",
-                                     "frames"};
-  constexpr const char* kOthers[] = {"rig_config.json", "geo_origin.json",
-                                     "covariances.csv", "frames.csv",
-                                     kReportPageFileName};
+  static constexpr auto kTables = {"cameras", "images", "points3D", "rigs",
+                                   "frames"};
+  static constexpr auto kOthers = {"rig_config.json", "geo_origin.json",
+                                   "covariances.csv", "frames.csv",
+                                   kReportPageFileName};
   const bool is_table_format =
       name.extension() == ".bin" || name.extension() == ".txt";
   return (is_table_format && Contains(kTables, name.stem())) ||
          Contains(kOthers, name);
 }
 
-bool IsImagesFileName(const fs::path& name) {
-  return name == "images.bin" || name == "images.txt";
-}
-
 bool IsModelFolderName(const fs::path& name) {
   const std::string digits = name.string();
   return !digits.empty() && (digits == "0" || digits[0] != '0') &&
-         std::all_of(digits.begin(), digits.end(),
-                     [](char c) { return c >= '0' && c <= '9'; });
+         AllOf(digits, [](char c) { return c >= '0' && c <= '9'; });
 }
 
 bool FolderContents::HoldsModel() const {
-  return std::any_of(model_files.begin(), model_files.end(), IsImagesFileName);
+  return Contains(model_files, "images.bin") ||
+         Contains(model_files, "images.txt");
 }
 
 FolderContents ListFolder(const fs::path& folder) {

@@ -14,9 +14,6 @@ namespace mgsfm {
 // geo_origin.json, covariances.csv, frames.csv and report.html.
 bool IsModelFileName(const std::filesystem::path& name);
 
-// images.bin or images.txt: a folder without either is not a model.
-bool IsImagesFileName(const std::filesystem::path& name);
-
 // "0", "1", ...: the names of the model folders of a mapper run.
 bool IsModelFolderName(const std::filesystem::path& name);
 
@@ -31,6 +28,7 @@ struct FolderContents {
   std::vector<std::string> model_files;
   std::vector<std::string> others;
 
+  // Has images.bin or images.txt.
   bool HoldsModel() const;
   bool IsEmpty() const { return model_files.empty() && others.empty(); }
 };

@@ -8,10 +8,8 @@
 
 #include <cerrno>
 #include <cstring>
-#include <string>
 #include <system_error>
 
-#include "files/file_operations.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -26,33 +24,6 @@ bool IsSameFolder(int fd, const std::filesystem::path& folder) {
          open_folder.st_dev == named_folder.st_dev &&
          open_folder.st_ino == named_folder.st_ino;
 }
-
-}  // namespace
-
-FolderLock::FolderLock(const std::filesystem::path& folder, Wait wait)
-    : fd_(open(folder.c_str(),
-               O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC)) {
-  if (fd_ < 0) {
-    if (errno != ENOENT) state_ = State::kUnsupported;
-    return;
-  }
-  const int flags = wait == Wait::kYes ? LOCK_EX : LOCK_EX | LOCK_NB;
-  int result = 0;
-  do {
-    result = flock(fd_, flags);
-  } while (result != 0 && errno == EINTR);
-  if (result == 0) {
-    if (IsSameFolder(fd_, folder)) state_ = State::kHeld;
-  } else if (errno != EWOULDBLOCK) {
-    state_ = State::kUnsupported;
-  }
-}
-
-FolderLock::~FolderLock() {
-  if (fd_ >= 0) close(fd_);
-}
-
-namespace {
 
 namespace fs = std::filesystem;
 
@@ -197,6 +168,29 @@ void CheckReplaceable(const fs::path& entry, bool by_folder) {
 }
 
 }  // namespace
+
+FolderLock::FolderLock(const std::filesystem::path& folder, Wait wait)
+    : fd_(open(folder.c_str(),
+               O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC)) {
+  if (fd_ < 0) {
+    if (errno != ENOENT) state_ = State::kUnsupported;
+    return;
+  }
+  const int flags = wait == Wait::kYes ? LOCK_EX : LOCK_EX | LOCK_NB;
+  int result = 0;
+  do {
+    result = flock(fd_, flags);
+  } while (result != 0 && errno == EINTR);
+  if (result == 0) {
+    if (IsSameFolder(fd_, folder)) state_ = State::kHeld;
+  } else if (errno != EWOULDBLOCK) {
+    state_ = State::kUnsupported;
+  }
+}
+
+FolderLock::~FolderLock() {
+  if (fd_ >= 0) close(fd_);
+}
 
 StagedOutput::StagedOutput(const fs::path& target, OutputKind kind,
                            FileOperations* operations)

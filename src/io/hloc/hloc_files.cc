@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include "base/text.h"
-#include "files/image_limits.h"
+#include "files/image_reading.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

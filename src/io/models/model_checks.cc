@@ -4,9 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
-#include <optional>
 #include <set>
-#include <string>
 #include <utility>
 
 #include "base/format.h"
@@ -35,103 +33,25 @@ double Extent(const PoseModel& poses) {
   return box.diagonal().norm();
 }
 
-class TableCheck {
- public:
-  TableCheck(const PoseModel& poses, const fs::path& folder)
-      : folder_(folder),
-        images_(poses.images),
-        max_distance_(kMaxContradiction * Extent(poses) + 1e-12),
-        image_of_id_(IndexById(poses.images)) {
-    std::set<CameraId> cameras;
-    for (const RigRow& rig : poses.rigs) {
-      for (const RigSensorRow& sensor : rig.sensors) {
-        sensor_from_rig_[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
-        if (cameras.insert(sensor.camera_id).second) continue;
-        ThrowModelError(
-            folder, "rig " + std::to_string(rig.id.value()) + " has camera " +
-                        std::to_string(sensor.camera_id.value()) +
-                        ", which it or another rig has already; write the "
-                        "model again with the program that made it");
-      }
+using SensorPoses = std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>>;
+
+SensorPoses ReadSensorPoses(const std::vector<RigRow>& rigs,
+                            const fs::path& folder) {
+  SensorPoses sensor_from_rig;
+  std::set<CameraId> cameras;
+  for (const RigRow& rig : rigs) {
+    for (const RigSensorRow& sensor : rig.sensors) {
+      sensor_from_rig[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
+      if (cameras.insert(sensor.camera_id).second) continue;
+      ThrowModelError(
+          folder, "rig " + std::to_string(rig.id.value()) + " has camera " +
+                      std::to_string(sensor.camera_id.value()) +
+                      ", which it or another rig has already; write the model "
+                      "again with the program that made it");
     }
   }
-
-  void Check(const ModelFrame& frame) {
-    for (const ImageId id : frame.image_ids) {
-      const auto image = image_of_id_.find(id);
-      if (image == image_of_id_.end()) continue;
-      CheckImage(frame, images_[image->second]);
-    }
-  }
-
- private:
-  void CheckImage(const ModelFrame& frame, const ModelImage& image);
-  [[noreturn]] void Throw(const ModelFrame& frame, const ModelImage& image,
-                          const std::string& problem) const {
-    ThrowModelError(
-        folder_,
-        "image '" + image.name + "' " + problem + " of its frame " +
-            std::to_string(frame.id.value()) +
-            "; if another program wrote the images, its rigs and frames are of "
-            "an earlier model: remove the files rigs and frames, or set "
-            "rig_name_rule or rig_config_path");
-  }
-
-  const fs::path& folder_;
-  const std::vector<ModelImage>& images_;
-  const double max_distance_;
-  std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> sensor_from_rig_;
-  const std::map<ImageId, int> image_of_id_;
-  std::set<ImageId> in_frames_;
-};
-
-void TableCheck::CheckImage(const ModelFrame& frame, const ModelImage& image) {
-  if (!in_frames_.insert(image.id).second) {
-    Throw(frame, image, "is in another frame, too, and");
-  }
-  const auto sensor = sensor_from_rig_.find({frame.rig_id, image.camera_id});
-  if (sensor == sensor_from_rig_.end()) {
-    Throw(frame, image,
-          "has the camera " + std::to_string(image.camera_id.value()) +
-              ", which is not in the rig");
-  }
-  if (!sensor->second) return;
-  const Rigid3 expected = *sensor->second * frame.rig_from_world;
-  const double angle_rad =
-      AngleBetween(expected.rotation, image.cam_from_world.rotation);
-  const double distance =
-      (expected.Center() - image.cam_from_world.Center()).norm();
-  if (angle_rad <= kMaxContradiction && distance <= max_distance_) return;
-  const std::string numbers =
-      Formatted("has a pose that differs by %.3g deg and %.3g from that",
-                RadToDeg(angle_rad), distance);
-  Throw(frame, image, numbers);
+  return sensor_from_rig;
 }
-
-}  // namespace
-
-void CheckModelTables(const PoseModel& poses, const fs::path& folder) {
-  if (poses.rigs.empty()) return;
-  TableCheck check(poses, folder);
-  for (const ModelFrame& frame : poses.frames) check.Check(frame);
-}
-
-void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {
-  const auto image_of_id = IndexById(poses.images);
-  for (const ModelFrame& frame : poses.frames) {
-    FrameRow row{frame.id, frame.rig_id, {}};
-    for (const ImageId id : frame.image_ids) {
-      const auto image = image_of_id.find(id);
-      if (image == image_of_id.end()) continue;
-      row.data.push_back({poses.images[image->second].camera_id, id});
-    }
-    if (!row.data.empty()) contents->frames.push_back(std::move(row));
-  }
-  contents->rigs.insert(contents->rigs.end(), poses.rigs.begin(),
-                        poses.rigs.end());
-}
-
-namespace {
 
 // Determines a fraction within 1 % at constant cost.
 constexpr size_t kMaxNumChecked = 10000;
@@ -203,7 +123,69 @@ class ObservationCheck {
   size_t step_ = 1;
 };
 
+// A rigidly mounted camera rotates by noise only, far below this bound.
+// Independently moving cameras exceed it in most frames.
+constexpr double kMaxRigRotationDeg = 5.0;
+// Calibrations of one rig differ less: a camera that rotated by half of this is
+// reported as moved. The shift is relative to the size of the rig.
+constexpr double kMaxKnownRotationDeg = 1.0;
+constexpr double kMaxKnownShift = 0.05;
+
 }  // namespace
+
+void CheckModelTables(const PoseModel& poses, const fs::path& folder) {
+  if (poses.rigs.empty()) return;
+  const double max_distance = kMaxContradiction * Extent(poses) + 1e-12;
+  const SensorPoses sensor_from_rig = ReadSensorPoses(poses.rigs, folder);
+  const auto image_of_id = IndexById(poses.images);
+  std::set<ImageId> in_frames;
+  for (const ModelFrame& frame : poses.frames) {
+    for (const ImageId id : frame.image_ids) {
+      const auto found = image_of_id.find(id);
+      if (found == image_of_id.end()) continue;
+      const ModelImage& image = poses.images[found->second];
+      const auto fail = [&](const std::string& problem) {
+        ThrowModelError(
+            folder,
+            "image '" + image.name + "' " + problem + " of its frame " +
+                std::to_string(frame.id.value()) +
+                "; if another program wrote the images, its rigs and frames "
+                "are of an earlier model: remove the files rigs and frames, or "
+                "set rig_name_rule or rig_config_path");
+      };
+      if (!in_frames.insert(id).second) fail("is in another frame, too, and");
+      const auto sensor = sensor_from_rig.find({frame.rig_id, image.camera_id});
+      if (sensor == sensor_from_rig.end()) {
+        fail("has the camera " + std::to_string(image.camera_id.value()) +
+             ", which is not in the rig");
+      }
+      if (!sensor->second) continue;
+      const Rigid3 expected = *sensor->second * frame.rig_from_world;
+      const double angle_rad =
+          AngleBetween(expected.rotation, image.cam_from_world.rotation);
+      const double distance =
+          (expected.Center() - image.cam_from_world.Center()).norm();
+      if (angle_rad <= kMaxContradiction && distance <= max_distance) continue;
+      fail(Formatted("has a pose that differs by %.3g deg and %.3g from that",
+                     RadToDeg(angle_rad), distance));
+    }
+  }
+}
+
+void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {
+  const auto image_of_id = IndexById(poses.images);
+  for (const ModelFrame& frame : poses.frames) {
+    FrameRow row{frame.id, frame.rig_id, {}};
+    for (const ImageId id : frame.image_ids) {
+      const auto image = image_of_id.find(id);
+      if (image == image_of_id.end()) continue;
+      row.data.push_back({poses.images[image->second].camera_id, id});
+    }
+    if (!row.data.empty()) contents->frames.push_back(std::move(row));
+  }
+  contents->rigs.insert(contents->rigs.end(), poses.rigs.begin(),
+                        poses.rigs.end());
+}
 
 void CheckObservations(const Model& model, const std::filesystem::path& folder,
                        const Context& context) {
@@ -232,38 +214,41 @@ void CheckObservations(const Model& model, const std::filesystem::path& folder,
                   "probably not of one model");
 }
 
-namespace {
-
-// A rigidly mounted camera rotates by noise only, far below this bound.
-// Independently moving cameras exceed it in most frames.
-constexpr double kMaxRigRotationDeg = 5.0;
-// Calibrations of one rig differ less: a camera that rotated by half of this is
-// reported as moved. The shift is relative to the size of the rig.
-constexpr double kMaxKnownRotationDeg = 1.0;
-constexpr double kMaxKnownShift = 0.05;
-
-}  // namespace
-
 void ThrowModelError(const std::filesystem::path& folder,
                      const std::string& problem) {
   throw Error("model '" + folder.string() + "': " + problem);
 }
 
-void RigPoses::EstimateSensors(
-    std::vector<std::optional<Rigid3>>* poses) const {
+std::vector<Point3D> PointsOf(const Model& model,
+                              const std::vector<int>& image_idxs) {
+  const auto image_of_id = IndexById(model.poses.images);
+  std::vector<Point3D> points;
+  points.reserve(model.points.size());
+  for (const ModelPoint& from : model.points) {
+    Point3D point{from.point_in_world, from.color, from.error_px, {}};
+    for (const ModelObservation& o : from.track) {
+      point.track.push_back({image_idxs[image_of_id.at(o.image_id)],
+                             static_cast<int>(o.keypoint_idx)});
+    }
+    std::sort(point.track.begin(), point.track.end());
+    points.push_back(std::move(point));
+  }
+  return points;
+}
+
+void RigPoses::EstimateSensors(OptionalPoses* poses) const {
   FillMissing(poses);
   CheckAllAreKnown(*poses);
 }
 
 void RigPoses::CheckKnownSensors() const {
-  std::vector<std::optional<Rigid3>> poses(scene_.sensors.size());
+  OptionalPoses poses(scene_.sensors.size());
   for (const Rig& rig : scene_.rigs) poses[rig.ref_sensor_idx] = Rigid3();
   FillMissing(&poses);
   CheckKnownSensors(poses);
 }
 
-void RigPoses::CheckKnownSensors(
-    const std::vector<std::optional<Rigid3>>& poses) const {
+void RigPoses::CheckKnownSensors(const OptionalPoses& poses) const {
   std::vector<double> size(scene_.rigs.size(), 0.0);
   for (const Sensor& sensor : scene_.sensors) {
     if (!sensor.sensor_from_rig) continue;
@@ -294,7 +279,7 @@ void RigPoses::CheckKnownSensors(
   }
 }
 
-void RigPoses::FillMissing(std::vector<std::optional<Rigid3>>* poses) const {
+void RigPoses::FillMissing(OptionalPoses* poses) const {
   for (size_t num_left = scene_.sensors.size(); num_left > 0; --num_left) {
     for (size_t i = 0; i < scene_.sensors.size(); ++i) {
       if ((*poses)[i]) continue;
@@ -307,8 +292,7 @@ void RigPoses::FillMissing(std::vector<std::optional<Rigid3>>* poses) const {
   }
 }
 
-void RigPoses::CheckAllAreKnown(
-    const std::vector<std::optional<Rigid3>>& poses) const {
+void RigPoses::CheckAllAreKnown(const OptionalPoses& poses) const {
   for (size_t i = 0; i < scene_.images.size(); ++i) {
     const int sensor_idx = scene_.images[i].sensor_idx;
     if (!cam_from_world_[i] || poses[sensor_idx]) continue;
@@ -320,8 +304,8 @@ void RigPoses::CheckAllAreKnown(
   }
 }
 
-std::vector<Rigid3> RigPoses::Candidates(
-    int sensor_idx, const std::vector<std::optional<Rigid3>>& poses) const {
+std::vector<Rigid3> RigPoses::Candidates(int sensor_idx,
+                                         const OptionalPoses& poses) const {
   std::vector<Rigid3> candidates;
   for (const Frame& frame : scene_.frames) {
     std::optional<Rigid3> pose;
@@ -359,9 +343,9 @@ void RigPoses::CheckMovesLikeRig(int sensor_idx,
                    "single with rig_name_rule none");
 }
 
-std::vector<std::optional<Rigid3>> RigPoses::PlaceFrames(
-    const std::vector<std::optional<Rigid3>>& sensor_from_rig) const {
-  std::vector<std::optional<Rigid3>> rig_from_world;
+OptionalPoses RigPoses::PlaceFrames(
+    const OptionalPoses& sensor_from_rig) const {
+  OptionalPoses rig_from_world;
   for (const Frame& frame : scene_.frames) {
     std::optional<int> best;
     for (const int image_idx : frame.image_idxs) {

@@ -10,6 +10,7 @@
 #include "mgsfm/database/database.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/models/model_io.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -31,42 +32,48 @@ void CheckModelTables(const PoseModel& poses,
 void CheckObservations(const Model& model, const std::filesystem::path& folder,
                        const Context& context);
 
+// The points of a model, with sorted tracks. `image_idxs` are those of its
+// images.
+std::vector<Point3D> PointsOf(const Model& model,
+                              const std::vector<int>& image_idxs);
+
 // Throws Error.
 [[noreturn]] void ThrowModelError(const std::filesystem::path& folder,
                                   const std::string& problem);
+
+// A pose per item, where it is known.
+using OptionalPoses = std::vector<std::optional<Rigid3>>;
 
 // Estimates poses of sensors and frames from image poses, one per image of the
 // scene where known; see model_scene.h. Messages name `folder`.
 class RigPoses {
  public:
   RigPoses(const std::filesystem::path& folder,
-           const std::vector<std::optional<Rigid3>>& cam_from_world,
-           const Scene& scene)
+           const OptionalPoses& cam_from_world, const Scene& scene)
       : folder_(folder), cam_from_world_(cam_from_world), scene_(scene) {}
 
   // Estimates missing sensor poses relative to sensors of the same frames.
   // Known poses are kept; sensors without a posed image stay nullopt.
-  void EstimateSensors(std::vector<std::optional<Rigid3>>* poses) const;
+  void EstimateSensors(OptionalPoses* poses) const;
   // Throws Error if images contradict the known pose of a sensor of the scene.
   // `poses` are estimated from images. The limits are 1 degree, and 5 % of the
   // largest known distance from the reference.
-  void CheckKnownSensors(const std::vector<std::optional<Rigid3>>& poses) const;
+  void CheckKnownSensors(const OptionalPoses& poses) const;
   // The same for poses estimated from the images alone.
   void CheckKnownSensors() const;
   // Frames without a posed image are nullopt.
-  std::vector<std::optional<Rigid3>> PlaceFrames(
-      const std::vector<std::optional<Rigid3>>& sensor_from_rig) const;
+  OptionalPoses PlaceFrames(const OptionalPoses& sensor_from_rig) const;
 
  private:
-  void FillMissing(std::vector<std::optional<Rigid3>>* poses) const;
-  std::vector<Rigid3> Candidates(
-      int sensor_idx, const std::vector<std::optional<Rigid3>>& poses) const;
+  void FillMissing(OptionalPoses* poses) const;
+  std::vector<Rigid3> Candidates(int sensor_idx,
+                                 const OptionalPoses& poses) const;
   void CheckMovesLikeRig(int sensor_idx, const std::vector<Rigid3>& candidates,
                          const Rigid3& pose) const;
-  void CheckAllAreKnown(const std::vector<std::optional<Rigid3>>& poses) const;
+  void CheckAllAreKnown(const OptionalPoses& poses) const;
 
   const std::filesystem::path& folder_;
-  const std::vector<std::optional<Rigid3>>& cam_from_world_;
+  const OptionalPoses& cam_from_world_;
   const Scene& scene_;
 };
 

@@ -48,13 +48,12 @@ class ModelPlacer {
     TakeCameras();
     CheckFrames();
     ChooseReferences();
-    PlaceSensors();
-    RigPoses(folder_, cam_from_world_, scene_)
-        .CheckKnownSensors(placed_.reconstruction.sensor_from_rig);
-    placed_.reconstruction.cameras = scene_.cameras;
-    placed_.reconstruction.rig_from_world =
-        RigPoses(folder_, cam_from_world_, scene_)
-            .PlaceFrames(placed_.reconstruction.sensor_from_rig);
+    Reconstruction& placed = placed_.reconstruction;
+    const RigPoses poses(folder_, cam_from_world_, scene_);
+    PlaceSensors(poses, &placed.sensor_from_rig);
+    poses.CheckKnownSensors(placed.sensor_from_rig);
+    placed.cameras = scene_.cameras;
+    placed.rig_from_world = poses.PlaceFrames(placed.sensor_from_rig);
     if (with_points) TakePoints();
     JudgeRigidity();
     return std::move(placed_);
@@ -65,10 +64,9 @@ class ModelPlacer {
   void TakeCameras();
   void CheckFrames() const;
   void ChooseReferences();
-  void PlaceSensors();
+  void PlaceSensors(const RigPoses& by_images, OptionalPoses* poses);
   void TakePoints();
-  void CheckObservation(const ModelObservation& observation, size_t image,
-                        int image_idx) const;
+  void CheckObservation(const ModelObservation& observation) const;
   void JudgeRigidity();
   const std::string& NameOf(int image_idx) const {
     return scene_.images[image_idx].name;
@@ -190,7 +188,8 @@ void ModelPlacer::ChooseReferences() {
 }
 
 // Uses the rigs of the model that have both the sensor and the reference.
-void ModelPlacer::PlaceSensors() {
+void ModelPlacer::PlaceSensors(const RigPoses& by_images,
+                               OptionalPoses* poses) {
   std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> pose_in_model;
   for (const RigRow& rig : model_.poses.rigs) {
     for (const RigSensorRow& sensor : rig.sensors) {
@@ -217,23 +216,23 @@ void ModelPlacer::PlaceSensors() {
     const int frame_idx = scene_.images[image_idx].frame_idx;
     rig_is_in_model[scene_.frames[frame_idx].rig_idx] = true;
   }
-  auto& poses = placed_.reconstruction.sensor_from_rig;
-  poses.resize(scene_.sensors.size());
+  poses->resize(scene_.sensors.size());
   for (size_t i = 0; i < scene_.sensors.size(); ++i) {
     const int ref_idx = scene_.rigs[scene_.sensors[i].rig_idx].ref_sensor_idx;
     if (!rig_is_in_model[scene_.sensors[i].rig_idx]) continue;
     if (static_cast<int>(i) == ref_idx) {
-      poses[i] = Rigid3();
+      (*poses)[i] = Rigid3();
     } else if (in_model[i] && in_model[ref_idx] &&
                in_model[i]->first == in_model[ref_idx]->first) {
-      poses[i] = in_model[i]->second * in_model[ref_idx]->second.Inverse();
+      (*poses)[i] = in_model[i]->second * in_model[ref_idx]->second.Inverse();
     }
   }
-  RigPoses(folder_, cam_from_world_, scene_).EstimateSensors(&poses);
+  by_images.EstimateSensors(poses);
 }
 
-void ModelPlacer::CheckObservation(const ModelObservation& observation,
-                                   size_t image, int image_idx) const {
+void ModelPlacer::CheckObservation(const ModelObservation& observation) const {
+  const int image = image_of_id_.at(observation.image_id);
+  const int image_idx = image_idx_of_[image];
   const uint32_t keypoint_idx = observation.keypoint_idx;
   const auto& keypoints_px = scene_.images[image_idx].keypoints_px;
   const bool is_there = keypoint_idx < keypoints_px.size() &&
@@ -255,19 +254,10 @@ void ModelPlacer::TakePoints() {
                     "it has no points, which tell where new images are; make "
                     "them with point_triangulator");
   }
-  std::vector<Point3D>& points = placed_.reconstruction.points;
-  points.reserve(model_.points.size());
-  for (const ModelPoint& from : model_.points) {
-    Point3D point{from.point_in_world, from.color, from.error_px, {}};
-    for (const ModelObservation& o : from.track) {
-      const size_t image = image_of_id_.at(o.image_id);
-      const int image_idx = image_idx_of_[image];
-      CheckObservation(o, image, image_idx);
-      point.track.push_back({image_idx, static_cast<int>(o.keypoint_idx)});
-    }
-    std::sort(point.track.begin(), point.track.end());
-    points.push_back(std::move(point));
+  for (const ModelPoint& point : model_.points) {
+    for (const ModelObservation& o : point.track) CheckObservation(o);
   }
+  placed_.reconstruction.points = PointsOf(model_, image_idx_of_);
 }
 
 void ModelPlacer::JudgeRigidity() {

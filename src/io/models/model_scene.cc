@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/models/model_scene.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
 #include <optional>
@@ -9,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "models/model_checks.h"
 #include "models/rows_to_scene.h"
@@ -36,8 +36,6 @@ DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
   AddModelTables(model.poses, &contents);
   return contents;
 }
-
-// ------------------------------------------------------------------- frames
 
 // Poses computed from image poses differ by rounding from the frame poses of
 // the model. Keeps the latter, so that a model that is written again does not
@@ -99,24 +97,6 @@ void WarnIfFramesDiffer(const PoseModel& poses, const Scene& scene,
       " images); check the rigs unless you want other frames");
 }
 
-// ------------------------------------------------------------------- points
-
-std::vector<Point3D> MakePoints(const Model& model) {
-  const auto image_idx_of_id = IndexById(model.poses.images);
-  std::vector<Point3D> points;
-  points.reserve(model.points.size());
-  for (const ModelPoint& from : model.points) {
-    Point3D point{from.point_in_world, from.color, from.error_px, {}};
-    for (const ModelObservation& o : from.track) {
-      point.track.push_back(
-          {image_idx_of_id.at(o.image_id), static_cast<int>(o.keypoint_idx)});
-    }
-    std::sort(point.track.begin(), point.track.end());
-    points.push_back(std::move(point));
-  }
-  return points;
-}
-
 }  // namespace
 
 ModelScene MakeModelScene(const Model& model, const fs::path& folder,
@@ -158,7 +138,7 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
   reconstruction.rig_from_world =
       poses.PlaceFrames(reconstruction.sensor_from_rig);
   KeepFramePoses(model.poses, scene, &reconstruction.rig_from_world);
-  reconstruction.points = MakePoints(model);
+  reconstruction.points = PointsOf(model, Indices(scene.images.size()));
   return result;
 }
 

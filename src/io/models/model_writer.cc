@@ -137,31 +137,25 @@ class ModelWriter {
   std::vector<uint32_t> camera_id_of_sensor_;
 };
 
-// Sorts array positions by the ids of the elements.
-template <class Item>
-void SortIdxsById(const std::vector<Item>& items, std::vector<int>* idxs) {
-  SortBy(idxs, [&](int a) { return items[a].id; });
+// The selected array positions by the ids of the elements.
+template <class Item, class Predicate>
+std::vector<int> SelectById(const std::vector<Item>& items,
+                            const Predicate& is_selected) {
+  std::vector<int> idxs = Indices(items.size());
+  EraseIf(&idxs, [&](int idx) { return !is_selected(idx); });
+  SortBy(&idxs, [&](int idx) { return items[idx].id; });
+  return idxs;
 }
 
 void ModelWriter::SelectImages() {
   Mask has_image(scene_.frames.size(), false);
   Mask has_frame(scene_.rigs.size(), false);
-  for (size_t i = 0; i < scene_.images.size(); ++i) {
-    if (!model_.IsRegistered(scene_, static_cast<int>(i))) continue;
-    image_idxs_.push_back(static_cast<int>(i));
-    has_image[scene_.images[i].frame_idx] = true;
-  }
-  for (size_t i = 0; i < scene_.frames.size(); ++i) {
-    if (!has_image[i]) continue;
-    frame_idxs_.push_back(static_cast<int>(i));
-    has_frame[scene_.frames[i].rig_idx] = true;
-  }
-  for (size_t i = 0; i < scene_.rigs.size(); ++i) {
-    if (has_frame[i]) rig_idxs_.push_back(static_cast<int>(i));
-  }
-  SortIdxsById(scene_.images, &image_idxs_);
-  SortIdxsById(scene_.frames, &frame_idxs_);
-  SortIdxsById(scene_.rigs, &rig_idxs_);
+  image_idxs_ = SelectById(
+      scene_.images, [&](int i) { return model_.IsRegistered(scene_, i); });
+  for (const int i : image_idxs_) has_image[scene_.images[i].frame_idx] = true;
+  frame_idxs_ = SelectById(scene_.frames, [&](int i) { return has_image[i]; });
+  for (const int i : frame_idxs_) has_frame[scene_.frames[i].rig_idx] = true;
+  rig_idxs_ = SelectById(scene_.rigs, [&](int i) { return has_frame[i]; });
 }
 
 void ModelWriter::AssignCameras() {
@@ -234,11 +228,9 @@ void ModelWriter::WriteFrames(ModelFile file) const {
     file.Write<uint32_t>(frame.id.value());
     file.Write<uint32_t>(scene_.rigs[frame.rig_idx].id.value());
     file.WritePose(*model_.rig_from_world[frame_idx]);
-    std::vector<int> image_idxs;
-    for (const int image_idx : frame.image_idxs) {
-      if (model_.IsRegistered(scene_, image_idx))
-        image_idxs.push_back(image_idx);
-    }
+    std::vector<int> image_idxs = frame.image_idxs;
+    EraseIf(&image_idxs,
+            [&](int i) { return !model_.IsRegistered(scene_, i); });
     file.Write<uint32_t>(static_cast<uint32_t>(image_idxs.size()));
     for (const int image_idx : image_idxs) {
       const Image& image = scene_.images[image_idx];
@@ -307,22 +299,6 @@ void ModelWriter::WritePoints(ModelFile file) const {
   file.Close();
 }
 
-}  // namespace
-
-void CheckFormat(const Scene& scene, ModelFormat format) {
-  for (const Image& image : scene.images) CheckFormat(image.name, format);
-}
-
-void CheckFormat(const std::string& image_name, ModelFormat format) {
-  if (format != ModelFormat::kText) return;
-  if (image_name.find_first_of(" \t\r\n\v\f") == std::string::npos) return;
-  throw Error("the name of image '" + image_name +
-              "' has a blank, which the text format cannot hold; write the "
-              "model as binary");
-}
-
-namespace {
-
 // Rejects values that no reader would accept.
 void CheckValues(const Scene& scene, const Reconstruction& model) {
   const auto check = [](const std::optional<std::string>& problem,
@@ -350,6 +326,18 @@ void CheckValues(const Scene& scene, const Reconstruction& model) {
 }
 
 }  // namespace
+
+void CheckFormat(const Scene& scene, ModelFormat format) {
+  for (const Image& image : scene.images) CheckFormat(image.name, format);
+}
+
+void CheckFormat(const std::string& image_name, ModelFormat format) {
+  if (format != ModelFormat::kText) return;
+  if (image_name.find_first_of(" \t\r\n\v\f") == std::string::npos) return;
+  throw Error("the name of image '" + image_name +
+              "' has a blank, which the text format cannot hold; write the "
+              "model as binary");
+}
 
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,

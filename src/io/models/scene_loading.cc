@@ -197,12 +197,11 @@ std::vector<int> ImagesOfOtherRigs(const RigInput& input,
                                    const std::vector<RigConfig>& rigs) {
   std::vector<int> others;
   for (size_t i = 0; i < input.contents.images.size(); ++i) {
-    bool is_known = false;
-    for (const RigConfig& rig : rigs) {
-      for (const RigConfigCamera& camera : rig.cameras) {
-        is_known |= bool(FrameKeyOf(camera, input.contents.images[i].name));
-      }
-    }
+    const bool is_known = AnyOf(rigs, [&](const RigConfig& rig) {
+      return AnyOf(rig.cameras, [&](const RigConfigCamera& camera) {
+        return FrameKeyOf(camera, input.contents.images[i].name).has_value();
+      });
+    });
     if (!is_known) others.push_back(static_cast<int>(i));
   }
   return others;
@@ -343,47 +342,6 @@ void CheckKeypoints(const Scene& scene, const std::string& input_name,
                   " px; correct the size of the camera");
 }
 
-}  // namespace
-
-SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
-                             const SceneLoadingOptions& options,
-                             const Context& context) {
-  RigInput input = MakeRigInput(kind, std::move(contents));
-  const std::optional<TimedImages> times = ReadFrameTimes(input, options);
-  RigAssignment assignment =
-      AssignRigs(input, options, times ? &*times : nullptr, context);
-  const std::string input_name = input.Name();
-  const bool is_selection = input.contents.is_selection;
-  SceneOfRows result;
-  result.rig_source = assignment.source;
-  result.scene = BuildScene(std::move(input), std::move(assignment), context);
-  CheckIntrinsics(result.scene, input_name, context);
-  CheckKeypoints(result.scene, input_name, context);
-  if (kind != "model" || options.HasKnownRig()) {
-    const auto problem = WhyRigsAreNotMetric(result.scene);
-    // Calibrations are in meters; a rig configuration may have any unit.
-    if (problem && !options.calibration_path->empty()) {
-      throw Error("'" + *options.calibration_path + "': " + *problem);
-    }
-    if (problem) context.Warning("by " + result.rig_source + ", " + *problem);
-  }
-  if (times) {
-    for (size_t i = 0; i < times->times_ns.size(); ++i) {
-      result.scene.images[i].timestamp_s =
-          static_cast<double>(times->times_ns[i]) / kNsPerSecond;
-    }
-  } else if (!options.image_timestamps_path->empty()) {
-    const std::string& path = *options.image_timestamps_path;
-    ReadImageTimestamps(path, &result.scene, OtherImages(is_selection));
-    const auto problem = WhyTimesAreNotSeconds(path, result.scene);
-    if (problem) context.Warning(*problem);
-  }
-  SortFrames(&result.scene);
-  return result;
-}
-
-namespace {
-
 ImagePair MakePair(TwoViewGeometryRow* row, int image_idx1, int image_idx2) {
   ImagePair pair;
   pair.image_idx1 = image_idx1;
@@ -466,48 +424,6 @@ void LogScene(const Scene& scene, const std::string& rig_source,
   }
 }
 
-}  // namespace
-
-LoadedScene LoadScene(DatabaseContents contents,
-                      const SceneLoadingOptions& options,
-                      const Context& context) {
-  std::vector<TwoViewGeometryRow> pairs = std::move(contents.pairs);
-  SceneOfRows rows =
-      BuildSceneOfRows("database", std::move(contents), options, context);
-  LoadedScene loaded;
-  loaded.scene = std::move(rows.scene);
-  loaded.rig_source = std::move(rows.rig_source);
-  loaded.view_graph = BuildViewGraph(std::move(pairs), loaded.scene);
-  LogScene(loaded.scene, loaded.rig_source, loaded.view_graph.pairs.size(),
-           context);
-  return loaded;
-}
-
-LoadedMatches LoadMatches(DatabaseContents contents,
-                          const SceneLoadingOptions& options,
-                          const Context& context) {
-  std::vector<MatchesRow> matches = std::move(contents.matches);
-  SceneOfRows rows =
-      BuildSceneOfRows("database", std::move(contents), options, context);
-  LoadedMatches loaded;
-  loaded.scene = std::move(rows.scene);
-  const auto order = OrderPairs(loaded.scene, &matches);
-  loaded.pairs.reserve(order.size());
-  for (const auto& [image_idx1, image_idx2, row] : order) {
-    loaded.pairs.push_back({image_idx1, image_idx2, std::move(row->matches)});
-  }
-  LogScene(loaded.scene, rows.rig_source, loaded.pairs.size(), context);
-  return loaded;
-}
-
-LoadedScene LoadScene(const std::string& database_path,
-                      const SceneLoadingOptions& options,
-                      const Context& context) {
-  return LoadScene(ReadDatabase(database_path, context), options, context);
-}
-
-namespace {
-
 // Writes cameras that are new or have changed intrinsics. Ids become those of
 // the database.
 void WriteCameras(const std::vector<Camera>& before, FeatureDatabase* database,
@@ -552,6 +468,81 @@ void SetCamerasOfImages(const std::vector<ImageRow>& before,
 }
 
 }  // namespace
+
+SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
+                             const SceneLoadingOptions& options,
+                             const Context& context) {
+  RigInput input = MakeRigInput(kind, std::move(contents));
+  const std::optional<TimedImages> times = ReadFrameTimes(input, options);
+  RigAssignment assignment =
+      AssignRigs(input, options, times ? &*times : nullptr, context);
+  const std::string input_name = input.Name();
+  const bool is_selection = input.contents.is_selection;
+  SceneOfRows result;
+  result.rig_source = assignment.source;
+  result.scene = BuildScene(std::move(input), std::move(assignment), context);
+  CheckIntrinsics(result.scene, input_name, context);
+  CheckKeypoints(result.scene, input_name, context);
+  if (kind != "model" || options.HasKnownRig()) {
+    const auto problem = WhyRigsAreNotMetric(result.scene);
+    // Calibrations are in meters; a rig configuration may have any unit.
+    if (problem && !options.calibration_path->empty()) {
+      throw Error("'" + *options.calibration_path + "': " + *problem);
+    }
+    if (problem) context.Warning("by " + result.rig_source + ", " + *problem);
+  }
+  if (times) {
+    for (size_t i = 0; i < times->times_ns.size(); ++i) {
+      result.scene.images[i].timestamp_s =
+          static_cast<double>(times->times_ns[i]) / kNsPerSecond;
+    }
+  } else if (!options.image_timestamps_path->empty()) {
+    const std::string& path = *options.image_timestamps_path;
+    ReadImageTimestamps(path, &result.scene, OtherImages(is_selection));
+    const auto problem = WhyTimesAreNotSeconds(path, result.scene);
+    if (problem) context.Warning(*problem);
+  }
+  SortFrames(&result.scene);
+  return result;
+}
+
+LoadedScene LoadScene(DatabaseContents contents,
+                      const SceneLoadingOptions& options,
+                      const Context& context) {
+  std::vector<TwoViewGeometryRow> pairs = std::move(contents.pairs);
+  SceneOfRows rows =
+      BuildSceneOfRows("database", std::move(contents), options, context);
+  LoadedScene loaded;
+  loaded.scene = std::move(rows.scene);
+  loaded.rig_source = std::move(rows.rig_source);
+  loaded.view_graph = BuildViewGraph(std::move(pairs), loaded.scene);
+  LogScene(loaded.scene, loaded.rig_source, loaded.view_graph.pairs.size(),
+           context);
+  return loaded;
+}
+
+LoadedMatches LoadMatches(DatabaseContents contents,
+                          const SceneLoadingOptions& options,
+                          const Context& context) {
+  std::vector<MatchesRow> matches = std::move(contents.matches);
+  SceneOfRows rows =
+      BuildSceneOfRows("database", std::move(contents), options, context);
+  LoadedMatches loaded;
+  loaded.scene = std::move(rows.scene);
+  const auto order = OrderPairs(loaded.scene, &matches);
+  loaded.pairs.reserve(order.size());
+  for (const auto& [image_idx1, image_idx2, row] : order) {
+    loaded.pairs.push_back({image_idx1, image_idx2, std::move(row->matches)});
+  }
+  LogScene(loaded.scene, rows.rig_source, loaded.pairs.size(), context);
+  return loaded;
+}
+
+LoadedScene LoadScene(const std::string& database_path,
+                      const SceneLoadingOptions& options,
+                      const Context& context) {
+  return LoadScene(ReadDatabase(database_path, context), options, context);
+}
 
 RigConfigurationSummary ConfigureRigs(const SceneLoadingOptions& options,
                                       FeatureDatabase* database,

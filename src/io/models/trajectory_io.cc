@@ -36,11 +36,7 @@ std::vector<TimedPose> InOrder(std::vector<TimedPose> poses,
   StableSortBy(&poses, &TimedPose::timestamp_s);
   const auto is_repeated = [&path](const TimedPose& a, const TimedPose& b) {
     if (a.timestamp_s != b.timestamp_s) return false;
-    const bool is_equal =
-        a.cam_from_world.translation == b.cam_from_world.translation &&
-        a.cam_from_world.rotation.coeffs() ==
-            b.cam_from_world.rotation.coeffs();
-    if (is_equal) return true;
+    if (a.cam_from_world == b.cam_from_world) return true;
     throw Error("'" + path.string() + "' has two different poses at the time " +
                 FormatDouble(a.timestamp_s, std::chars_format::fixed, 9) +
                 "; remove one of them");
@@ -64,8 +60,7 @@ std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
     const auto numbers = ParseNumbers(lines.line());
     std::optional<Rigid3> world_from_cam;
     if (numbers && numbers->size() == 12) {
-      world_from_cam =
-          RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers->data()));
+      world_from_cam = RigidFromNumbers(*numbers);
     }
     if (!world_from_cam) {
       lines.Throw("expected a 3x4 pose matrix (12 numbers)");
@@ -102,12 +97,7 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
     std::vector<double> n;
     for (const std::string& field : SplitFields(lines.line(), ',')) {
       if (field.empty() && n.size() >= kNumFields) continue;  // at the end
-      const std::optional<double> number = ParseDouble(field);
-      if (!number) {
-        lines.Throw("has '" + Printable(field) +
-                    "' where a finite number should be; correct it");
-      }
-      n.push_back(*number);
+      n.push_back(lines.Number(field));
     }
     std::optional<Rigid3> pose;
     if (n.size() >= kNumFields) {

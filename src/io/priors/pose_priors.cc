@@ -27,10 +27,6 @@ namespace {
 
 using CoordinateSystem = PosePriorRow::CoordinateSystem;
 
-PriorClock ClockOf(const PosePriorOptions& options) {
-  return {options.prior_clock_offset_s};
-}
-
 class PriorMaker {
  public:
   PriorMaker(const Scene& scene, const PosePriorOptions& options)
@@ -61,8 +57,8 @@ class PriorMaker {
       const auto system = *options_.ref_is_gps == PositionKind::kGps
                               ? CoordinateSystem::kWgs84
                               : CoordinateSystem::kCartesian;
-      for (const auto& [image_idx, position] :
-           ReadTrajectoryPositions(scene_, path, format, ClockOf(options_))) {
+      for (const auto& [image_idx, position] : ReadTrajectoryPositions(
+               scene_, path, format, options_.prior_clock_offset_s)) {
         AddPosition(image_idx, position, system);
       }
       return;
@@ -85,8 +81,8 @@ class PriorMaker {
         return vector.value.head<2>().isZero(0.0);
       });
     }
-    for (const auto& [image_idx, vector] :
-         InterpolateVectors(scene_, path, vectors, ClockOf(options_))) {
+    for (const auto& [image_idx, vector] : InterpolateVectors(
+             scene_, path, vectors, options_.prior_clock_offset_s)) {
       AddPosition(
           image_idx, vector.value,
           are_gps ? CoordinateSystem::kWgs84 : CoordinateSystem::kCartesian);
@@ -205,7 +201,7 @@ Eigen::Matrix3d PriorMaker::CovarianceOf(const PosePriorRow& row) const {
 }
 
 GravityPriors ReadTimedGravity(const Scene& scene, const std::string& path,
-                               const PriorClock& clock) {
+                               double clock_offset_s) {
   std::vector<TimedVector> directions = ReadTimedVectors(path);
   for (TimedVector& direction : directions) {
     if (direction.value.isZero(0.0)) {
@@ -219,7 +215,7 @@ GravityPriors ReadTimedGravity(const Scene& scene, const std::string& path,
   GravityPriors gravity;
   gravity.images.resize(scene.images.size());
   for (const auto& [image_idx, direction] :
-       InterpolateVectors(scene, path, directions, clock)) {
+       InterpolateVectors(scene, path, directions, clock_offset_s)) {
     if (direction.value.isZero(0.0)) continue;  // between opposite ones
     gravity.images[image_idx] = direction.value.stableNormalized();
   }
@@ -230,7 +226,7 @@ GravityPriors ReadGravityFile(const Scene& scene,
                               const PosePriorOptions& options) {
   const std::string& path = options.gravity_path;
   if (HasTimedVectors(scene, path)) {
-    return ReadTimedGravity(scene, path, ClockOf(options));
+    return ReadTimedGravity(scene, path, options.prior_clock_offset_s);
   }
   GravityPriors gravity;
   gravity.images.resize(scene.images.size());

@@ -42,21 +42,17 @@ enum class PositionFileFormat {
 // read.
 PositionFileFormat DetectPositionFormat(const std::string& path);
 
-// The clock of a file with times.
-struct PriorClock {
-  double offset_s = 0.0;  // from that of the images
-};
-
 // Frame poses rig_from_world by frame index, from the poses of the reference
 // camera. KITTI poses belong to the frames in the natural order of their names.
 // Poses with times are interpolated at image times; frames
 // outside the trajectory, or in a gap of more than ten median intervals, get
 // none. Throws Error for malformed lines, a number of poses other than the
 // number of frames, and images without a time. `format` is kKitti,
-// kTum or kEuroc.
+// kTum or kEuroc. The clock of the file is ahead of that of the images by the
+// offset.
 std::vector<std::pair<int, Rigid3>> ReadTrajectoryPoses(
     const Scene& scene, const std::string& path, PositionFileFormat format,
-    const PriorClock& clock = {});
+    double clock_offset_s = 0.0);
 
 // Three numbers at a time.
 struct TimedVector {
@@ -87,12 +83,12 @@ std::vector<TimedVector> ReadTimedVectors(const std::string& path);
 // Throws Error if no frame has one, or an image has no time.
 std::vector<std::pair<int, TimedVector>> InterpolateVectors(
     const Scene& scene, const std::string& path,
-    const std::vector<TimedVector>& vectors, const PriorClock& clock);
+    const std::vector<TimedVector>& vectors, double clock_offset_s);
 
 // Positions by image index: of the image of the reference sensor, or of any
 // image in frames without one.
 std::vector<std::pair<int, Eigen::Vector3d>> ReadTrajectoryPositions(
     const Scene& scene, const std::string& path, PositionFileFormat format,
-    const PriorClock& clock);
+    double clock_offset_s);
 
 }  // namespace mgsfm

@@ -8,6 +8,7 @@
 
 #include "base/format.h"
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "rigs/image_times.h"
@@ -51,13 +52,12 @@ struct Instant {
 
 // The position of the nearest instant, the earlier one of two.
 size_t FindNearest(const std::vector<Instant>& sorted, int64_t time_ns) {
-  const auto after = std::lower_bound(
-      sorted.begin(), sorted.end(), time_ns,
-      [](const Instant& a, int64_t time) { return a.time_ns < time; });
+  const auto find = [&](int64_t time) {
+    return std::lower_bound(sorted.begin(), sorted.end(), Instant{time, 0});
+  };
+  const auto after = find(time_ns);
   if (after == sorted.begin()) return 0;
-  const auto before = std::lower_bound(
-      sorted.begin(), after, std::prev(after)->time_ns,
-      [](const Instant& a, int64_t time) { return a.time_ns < time; });
+  const auto before = find(std::prev(after)->time_ns);
   const bool is_later = after == sorted.end() ||
                         time_ns - before->time_ns <= after->time_ns - time_ns;
   return static_cast<size_t>((is_later ? before : after) - sorted.begin());
@@ -74,20 +74,23 @@ struct Pairing {
 };
 
 struct PairedFrames {
-  FramesByTime frames;
   std::vector<Pairing> pairings;
   // Two images of one sensor with one time.
   std::optional<std::pair<int, int>> same_time;
 };
 
+// Sets the frames of an assignment with sensors.
 class FramePairer {
  public:
-  FramePairer(const TimedSensors& sensors, const TimedImages& times)
-      : sensors_(sensors.sensors), times_(times) {}
+  FramePairer(const TimedImages& times, RigAssignment* assignment)
+      : sensors_(assignment->sensors),
+        times_(times),
+        assignment_(*assignment),
+        images_of_sensor_(assignment->sensors.size()) {}
 
-  PairedFrames Find(const std::vector<int>& sensor_of_image) {
-    result_.frames.frame_of_image.assign(sensor_of_image.size(), -1);
-    images_of_sensor_.resize(sensors_.size());
+  PairedFrames Find() {
+    const std::vector<int>& sensor_of_image = assignment_.sensor_of_image;
+    assignment_.frame_of_image.assign(sensor_of_image.size(), -1);
     for (size_t i = 0; i < sensor_of_image.size(); ++i) {
       if (sensor_of_image[i] < 0) continue;
       images_of_sensor_[sensor_of_image[i]].push_back(
@@ -112,8 +115,9 @@ class FramePairer {
                      std::vector<Instant>* frames, int rig);
   Instant AddFrame(const Instant& image, int rig);
 
-  const std::vector<TimedSensors::Sensor>& sensors_;
+  const std::vector<RigAssignment::Sensor>& sensors_;
   const TimedImages& times_;
+  RigAssignment& assignment_;
   std::vector<std::vector<Instant>> images_of_sensor_;
   PairedFrames result_;
 };
@@ -123,13 +127,11 @@ std::vector<int> FramePairer::SortedSensors() const {
   for (size_t i = 0; i < sensors_.size(); ++i) {
     if (!images_of_sensor_[i].empty()) order.push_back(static_cast<int>(i));
   }
-  const auto rank = [this](int i) {
+  SortBy(&order, [this](int i) {
     return std::make_tuple(!sensors_[i].is_reference,
                            -static_cast<int64_t>(images_of_sensor_[i].size()),
                            sensors_[i].name, i);
-  };
-  std::sort(order.begin(), order.end(),
-            [&](int a, int b) { return rank(a) < rank(b); });
+  });
   return order;
 }
 
@@ -143,9 +145,9 @@ void FramePairer::FindSameTime(const std::vector<Instant>& images) {
 }
 
 Instant FramePairer::AddFrame(const Instant& image, int rig) {
-  const int frame = static_cast<int>(result_.frames.frames.size());
-  result_.frames.frames.push_back({rig, FormatTime(image.time_ns)});
-  result_.frames.frame_of_image[image.number] = frame;
+  const int frame = static_cast<int>(assignment_.frames.size());
+  assignment_.frames.push_back({rig, FormatTime(image.time_ns), {}});
+  assignment_.frame_of_image[image.number] = frame;
   return {image.time_ns, frame};
 }
 
@@ -167,19 +169,16 @@ Pairing FramePairer::PairSensor(const std::vector<Instant>& images,
   pairing.num_images = images.size();
   std::vector<Instant> added;
   for (size_t i = 0; i < images.size(); ++i) {
-    std::optional<int64_t> later_ns;
     if (!frames->empty()) {
       const Instant& frame = (*frames)[FindNearest(*frames, images[i].time_ns)];
-      later_ns = images[i].time_ns - frame.time_ns;
-      if (std::abs(*later_ns) <= times_.max_difference_ns &&
+      const int64_t later_ns = images[i].time_ns - frame.time_ns;
+      if (std::abs(later_ns) <= times_.max_difference_ns &&
           FindNearest(images, frame.time_ns) == i) {
-        result_.frames.frame_of_image[images[i].number] = frame.number;
-        pairing.differences_ns.push_back(*later_ns);
+        assignment_.frame_of_image[images[i].number] = frame.number;
+        pairing.differences_ns.push_back(later_ns);
         continue;
       }
-    }
-    if (later_ns) {
-      pairing.nearest_ns = std::min(pairing.nearest_ns, std::abs(*later_ns));
+      pairing.nearest_ns = std::min(pairing.nearest_ns, std::abs(later_ns));
     }
     added.push_back(AddFrame(images[i], rig));
   }
@@ -253,24 +252,23 @@ void CheckPaired(const RigInput& input, const std::vector<Pairing>& pairings,
 }
 
 // Names the sensors with images that are alone in their frame.
-void WarnOfSingleImages(const RigInput& input, const TimedSensors& sensors,
-                        const FramesByTime& frames, const TimedImages& times,
-                        const Context& context) {
-  std::vector<size_t> frame_sizes(frames.frames.size(), 0);
-  for (const int frame : frames.frame_of_image) {
+void WarnOfSingleImages(const RigInput& input, const RigAssignment& assignment,
+                        const TimedImages& times, const Context& context) {
+  const std::vector<int>& frame_of_image = assignment.frame_of_image;
+  std::vector<size_t> frame_sizes(assignment.frames.size(), 0);
+  for (const int frame : frame_of_image) {
     if (frame >= 0) ++frame_sizes[frame];
   }
-  std::vector<std::vector<size_t>> single_images(sensors.sensors.size());
-  for (size_t i = 0; i < frames.frame_of_image.size(); ++i) {
-    const int frame = frames.frame_of_image[i];
-    if (frame >= 0 && frame_sizes[frame] == 1) {
-      single_images[sensors.sensor_of_image[i]].push_back(i);
+  std::vector<std::vector<size_t>> single_images(assignment.sensors.size());
+  for (size_t i = 0; i < frame_of_image.size(); ++i) {
+    if (frame_of_image[i] >= 0 && frame_sizes[frame_of_image[i]] == 1) {
+      single_images[assignment.sensor_of_image[i]].push_back(i);
     }
   }
   for (size_t s = 0; s < single_images.size(); ++s) {
     if (single_images[s].empty()) continue;
     context.Warning(std::to_string(single_images[s].size()) + " images of '" +
-                    sensors.sensors[s].name + "' have no partner within " +
+                    assignment.sensors[s].name + "' have no partner within " +
                     Limit(times) + "; the first is '" +
                     input.contents.images[single_images[s].front()].name + "'");
   }
@@ -282,27 +280,26 @@ double RoundUp(double value) {
   return std::ceil(value / unit - 1e-9) * unit;
 }
 
-TimedSensors SensorsOfKeys(const std::vector<ImageKeys>& keys) {
-  TimedSensors result;
-  std::map<std::string, int> rigs;
-  std::map<std::string, int> sensors;
+// An assignment with sensors only.
+RigAssignment SensorsOfKeys(const std::vector<ImageKeys>& keys) {
+  RigAssignment result;
+  Numbering<> rigs, sensors;
   for (const ImageKeys& key : keys) {
-    const int rig =
-        rigs.emplace(key.rig, static_cast<int>(rigs.size())).first->second;
-    const auto [sensor, is_new] =
-        sensors.emplace(key.sensor, static_cast<int>(sensors.size()));
-    if (is_new) result.sensors.push_back({key.sensor_name, rig, false});
-    result.sensor_of_image.push_back(sensor->second);
+    const int sensor = sensors(key.sensor);
+    result.sensors.resize(sensors.size());
+    result.sensors[sensor].rig = rigs(key.rig);
+    result.sensors[sensor].name = key.sensor_name;
+    result.sensor_of_image.push_back(sensor);
   }
   return result;
 }
 
 // Half of the median time between images of a sensor, over all sensors.
-int64_t HalfInterval(const TimedSensors& keys,
+int64_t HalfInterval(const RigAssignment& sensors,
                      const std::vector<int64_t>& times) {
-  std::vector<std::vector<int64_t>> times_of_sensor(keys.sensors.size());
+  std::vector<std::vector<int64_t>> times_of_sensor(sensors.sensors.size());
   for (size_t i = 0; i < times.size(); ++i) {
-    times_of_sensor[keys.sensor_of_image[i]].push_back(times[i]);
+    times_of_sensor[sensors.sensor_of_image[i]].push_back(times[i]);
   }
   std::vector<double> intervals_ns;
   for (std::vector<int64_t>& sorted : times_of_sensor) {
@@ -317,39 +314,37 @@ int64_t HalfInterval(const TimedSensors& keys,
 
 }  // namespace
 
-FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
-                        const TimedImages& times, const Context& context) {
-  PairedFrames found =
-      FramePairer(sensors, times).Find(sensors.sensor_of_image);
+void PairByTime(const RigInput& input, const TimedImages& times,
+                const Context& context, RigAssignment* assignment) {
+  const PairedFrames found = FramePairer(times, assignment).Find();
   CheckDistinct(input, found, times);
   CheckPaired(input, found.pairings, times);
   for (const Pairing& pairing : found.pairings) {
     if (pairing.differences_ns.empty()) continue;
-    context.Info("frames by time: '" + sensors.sensors[pairing.sensor].name +
-                 "': " + std::to_string(pairing.differences_ns.size()) +
-                 " of " + std::to_string(pairing.num_images) +
-                 " images paired with those of '" +
-                 sensors.sensors[pairing.first_sensor].name + "'; " +
-                 DescribeDifferences(pairing.differences_ns));
+    context.Info(
+        "frames by time: '" + assignment->sensors[pairing.sensor].name +
+        "': " + std::to_string(pairing.differences_ns.size()) + " of " +
+        std::to_string(pairing.num_images) + " images paired with those of '" +
+        assignment->sensors[pairing.first_sensor].name + "'; " +
+        DescribeDifferences(pairing.differences_ns));
   }
-  WarnOfSingleImages(input, sensors, found.frames, times, context);
-  return std::move(found.frames);
+  WarnOfSingleImages(input, *assignment, times, context);
 }
 
 void SetFramesByTime(const RigInput& input, const TimedImages& times,
                      const Context& context, std::vector<ImageKeys>* keys) {
-  const FramesByTime found =
-      PairByTime(input, SensorsOfKeys(*keys), times, context);
+  RigAssignment paired = SensorsOfKeys(*keys);
+  PairByTime(input, times, context, &paired);
   for (size_t i = 0; i < keys->size(); ++i) {
-    const int frame = found.frame_of_image[i];
+    const int frame = paired.frame_of_image[i];
     (*keys)[i].frame = std::to_string(frame);
-    (*keys)[i].frame_name = found.frames[frame].name;
+    (*keys)[i].frame_name = paired.frames[frame].name;
   }
 }
 
 std::optional<std::string> SuggestFramesByTime(
     const RigInput& input, const std::vector<ImageKeys>& keys) {
-  const TimedSensors sensors = SensorsOfKeys(keys);
+  RigAssignment sensors = SensorsOfKeys(keys);
   TimedImages times;
   for (const ImageRow& image : input.contents.images) {
     const std::optional<int64_t> time_ns = TimeInName(image.name);
@@ -360,8 +355,7 @@ std::optional<std::string> SuggestFramesByTime(
   if (sensors.sensors.size() < 2 || times.max_difference_ns == 0) {
     return std::nullopt;
   }
-  const PairedFrames found =
-      FramePairer(sensors, times).Find(sensors.sensor_of_image);
+  const PairedFrames found = FramePairer(times, &sensors).Find();
   if (found.same_time) return std::nullopt;
   size_t num_images = 0;
   size_t num_pairs = 0;

@@ -6,15 +6,13 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <limits>
 #include <map>
-#include <optional>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "base/nanoseconds.h"
 #include "base/natural_order.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "files/file_operations.h"
@@ -134,17 +132,129 @@ std::optional<int64_t> FindDate(const std::string& stem) {
   return seconds * kNsPerSecond + FractionNs(fraction + decimals);
 }
 
-std::optional<int64_t> FindSeconds(std::string_view stem) {
-  const std::string_view whole = DigitsAt(stem, 0);
-  if (whole.empty() || whole.size() > 9 || whole.size() == stem.size()) {
-    return std::nullopt;
-  }
-  const std::string_view decimals = DecimalsAt(stem, whole.size());
-  if (stem[whole.size()] != '.' || decimals.size() < 3 ||
-      whole.size() + 1 + decimals.size() != stem.size()) {
-    return std::nullopt;
-  }
+std::optional<int64_t> FindSeconds(const std::string& stem) {
+  static const RE2 kPattern(R"((\d{1,9})\.(\d{3,9}))");
+  std::string whole, decimals;
+  if (!RE2::FullMatch(stem, kPattern, &whole, &decimals)) return std::nullopt;
   return ToInt(whole) * kNsPerSecond + FractionNs(decimals);
+}
+
+[[noreturn]] void Throw(const std::filesystem::path& path,
+                        const std::string& problem) {
+  throw Error("'" + path.string() + "' " + problem);
+}
+
+// The time of each image that the file names.
+std::vector<std::optional<double>> ReadTimes(
+    const std::filesystem::path& path, const std::vector<std::string>& names,
+    UnknownImages others) {
+  TextLines lines(path, "'" + path.string() + "' (image_timestamps_path)");
+  std::map<std::string, size_t> idx_of_name;
+  for (size_t i = 0; i < names.size(); ++i) idx_of_name[names[i]] = i;
+  std::vector<std::optional<double>> times_s(names.size());
+  while (lines.NextContent()) {
+    // Names may have blanks: the last word is the time.
+    const auto line = SplitNamedWords(lines.line(), 1);
+    if (!line) lines.Throw("expected 'image_name SECONDS'");
+    const std::string_view word = line->words.front();
+    const std::string text =
+        "has '" + Printable(word) + "' as the time of '" + line->name + "'";
+    const std::optional<double> time_s = ParseDouble(word);
+    if (!time_s) lines.Throw(text + "; give a finite number of seconds");
+    if (const auto problem = WhyNoTime(*time_s)) {
+      lines.Throw(text + ", which " + *problem);
+    }
+    const auto found = idx_of_name.find(line->name);
+    if (found == idx_of_name.end()) {
+      if (others == UnknownImages::kIgnore) continue;
+      lines.Throw("names the image '" + line->name +
+                  "', which the database does not have; delete the line, or "
+                  "correct the name");
+    }
+    std::optional<double>& known_s = times_s[found->second];
+    if (known_s) {
+      lines.Throw("names '" + line->name + "' again; delete one of the lines");
+    }
+    known_s = time_s;
+  }
+  return times_s;
+}
+
+void CheckOrder(const std::filesystem::path& path, const Scene& scene,
+                int rig_idx) {
+  std::vector<int> frame_idxs;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (scene.frames[i].rig_idx == rig_idx) {
+      frame_idxs.push_back(static_cast<int>(i));
+    }
+  }
+  const auto name_of = [&](int frame_idx) -> const std::string& {
+    return scene.frames[frame_idx].name;
+  };
+  std::stable_sort(frame_idxs.begin(), frame_idxs.end(), [&](int a, int b) {
+    return IsNaturallyBefore(name_of(a), name_of(b));
+  });
+  const auto image_name = [&](int frame_idx) {
+    return "'" + scene.images[scene.frames[frame_idx].image_idxs[0]].name + "'";
+  };
+  for (size_t k = 1; k < frame_idxs.size(); ++k) {
+    const int before = frame_idxs[k - 1], after = frame_idxs[k];
+    if (TimeOfFrame(scene, before) < TimeOfFrame(scene, after)) continue;
+    Throw(path,
+          "has the frame of image " + image_name(after) +
+              " not later than that of " + image_name(before) +
+              ", which is before it by its name; correct the times, or name "
+              "images in the order in which they were taken");
+  }
+}
+
+// The times of the first and the last image of a frame.
+std::pair<double, double> TimesOf(const Scene& scene, const Frame& frame) {
+  const auto [first, last] = std::minmax_element(
+      frame.image_idxs.begin(), frame.image_idxs.end(), [&](int a, int b) {
+        return *scene.images[a].timestamp_s < *scene.images[b].timestamp_s;
+      });
+  return {*scene.images[*first].timestamp_s, *scene.images[*last].timestamp_s};
+}
+
+// The median time between frames; nullopt if there is one frame only.
+std::optional<double> FrameInterval(const Scene& scene) {
+  std::vector<double> times_s, intervals_s;
+  for (const Frame& frame : scene.frames) {
+    times_s.push_back(TimesOf(scene, frame).first);
+  }
+  std::sort(times_s.begin(), times_s.end());
+  for (size_t i = 1; i < times_s.size(); ++i) {
+    intervals_s.push_back(times_s[i] - times_s[i - 1]);
+  }
+  if (intervals_s.empty()) return std::nullopt;
+  return Median(std::move(intervals_s));
+}
+
+// Throws Error if images within frames are farther apart than frames are.
+void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
+  std::vector<double> spreads_s;
+  int widest_idx = -1;
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    const auto [first_s, last_s] = TimesOf(scene, scene.frames[f]);
+    if (widest_idx < 0 || last_s - first_s > spreads_s[widest_idx]) {
+      widest_idx = static_cast<int>(f);
+    }
+    spreads_s.push_back(last_s - first_s);
+  }
+  const std::optional<double> interval_s = FrameInterval(scene);
+  const double spread_s = Median(spreads_s);
+  if (!interval_s || spread_s <= *interval_s) return;
+  const auto text = [](double value_s) {
+    return FormatDouble(value_s, std::chars_format::general, 4) + " s";
+  };
+  Throw(path, "has times of the images of one frame that differ by " +
+                  text(spread_s) + " in the median, more than the " +
+                  text(*interval_s) +
+                  " between frames, such as in the frame '" +
+                  scene.frames[widest_idx].name +
+                  "'; correct the times, or pair images by time with "
+                  "frame_max_time_difference_s");
 }
 
 }  // namespace
@@ -176,158 +286,11 @@ std::optional<int64_t> TimeOrNumberInStem(const std::string& stem) {
   return std::llround(*time_s * kNsPerSecond);
 }
 
-namespace {
-
-[[noreturn]] void Throw(const std::filesystem::path& path,
-                        const std::string& problem) {
-  throw Error("'" + path.string() + "' " + problem);
-}
-
-class TimestampReader {
- public:
-  TimestampReader(const std::filesystem::path& path, UnknownImages others,
-                  const std::vector<std::string>& names)
-      : lines_(path, "'" + path.string() + "' (image_timestamps_path)"),
-        others_(others),
-        times_s_(names.size()) {
-    for (size_t i = 0; i < names.size(); ++i) {
-      idx_of_name_[names[i]] = static_cast<int>(i);
-    }
-  }
-
-  // Per image.
-  std::vector<std::optional<double>> Read() {
-    while (lines_.NextContent()) TakeLine();
-    return times_s_;
-  }
-
- private:
-  void TakeLine();
-  double TimeOf(const NamedWords& line) const;
-
-  TextLines lines_;
-  const UnknownImages others_;
-  std::vector<std::optional<double>> times_s_;
-  std::map<std::string, int> idx_of_name_;
-};
-
-double TimestampReader::TimeOf(const NamedWords& line) const {
-  const std::string_view word = line.words.front();
-  const std::optional<double> time_s = ParseDouble(word);
-  if (!time_s) {
-    lines_.Throw("has '" + Printable(word) + "' as the time of '" + line.name +
-                 "'; give a finite number of seconds");
-  }
-  if (const auto problem = WhyNoTime(*time_s)) {
-    lines_.Throw("has '" + Printable(word) + "' as the time of '" + line.name +
-                 "', which " + *problem);
-  }
-  return *time_s;
-}
-
-// Names may have blanks: the last word is the time.
-void TimestampReader::TakeLine() {
-  const auto line = SplitNamedWords(lines_.line(), 1);
-  if (!line) lines_.Throw("expected 'image_name SECONDS'");
-  const double time_s = TimeOf(*line);
-  const auto found = idx_of_name_.find(line->name);
-  if (found == idx_of_name_.end()) {
-    if (others_ == UnknownImages::kIgnore) return;
-    lines_.Throw(
-        "names the image '" + line->name +
-        "', which the database does not have; delete the line, or correct the "
-        "name");
-  }
-  std::optional<double>& known_s = times_s_[found->second];
-  if (known_s) {
-    lines_.Throw("names '" + line->name + "' again; delete one of the lines");
-  }
-  known_s = time_s;
-}
-
-void CheckOrder(const std::filesystem::path& path, const Scene& scene,
-                int rig_idx) {
-  std::vector<int> frame_idxs;
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    if (scene.frames[i].rig_idx == rig_idx) {
-      frame_idxs.push_back(static_cast<int>(i));
-    }
-  }
-  const auto name_of = [&](int frame_idx) -> const std::string& {
-    return scene.frames[frame_idx].name;
-  };
-  std::stable_sort(frame_idxs.begin(), frame_idxs.end(), [&](int a, int b) {
-    return IsNaturallyBefore(name_of(a), name_of(b));
-  });
-  const auto image_name = [&](int frame_idx) {
-    return "'" + scene.images[scene.frames[frame_idx].image_idxs[0]].name + "'";
-  };
-  for (size_t k = 1; k < frame_idxs.size(); ++k) {
-    const int before = frame_idxs[k - 1], after = frame_idxs[k];
-    if (TimeOfFrame(scene, before) < TimeOfFrame(scene, after)) continue;
-    Throw(path,
-          "has the frame of image " + image_name(after) +
-              " not later than that of " + image_name(before) +
-              ", which is before it by its name; correct the times, or name "
-              "images in the order in which they were taken");
-  }
-}
-
-// The median time between frames; nullopt if there is one frame only.
-std::optional<double> FrameInterval(const Scene& scene) {
-  std::vector<double> times_s, intervals_s;
-  for (const Frame& frame : scene.frames) {
-    double first_s = std::numeric_limits<double>::infinity();
-    for (const int image_idx : frame.image_idxs) {
-      first_s = std::min(first_s, *scene.images[image_idx].timestamp_s);
-    }
-    times_s.push_back(first_s);
-  }
-  std::sort(times_s.begin(), times_s.end());
-  for (size_t i = 1; i < times_s.size(); ++i) {
-    intervals_s.push_back(times_s[i] - times_s[i - 1]);
-  }
-  if (intervals_s.empty()) return std::nullopt;
-  return Median(std::move(intervals_s));
-}
-
-// Throws Error if images within frames are farther apart than frames are.
-void CheckFrameTimes(const std::filesystem::path& path, const Scene& scene) {
-  std::vector<double> spreads_s;
-  int widest_idx = -1;
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
-    double first_s = std::numeric_limits<double>::infinity(), last_s = -first_s;
-    for (const int image_idx : scene.frames[f].image_idxs) {
-      first_s = std::min(first_s, *scene.images[image_idx].timestamp_s);
-      last_s = std::max(last_s, *scene.images[image_idx].timestamp_s);
-    }
-    if (widest_idx < 0 || last_s - first_s > spreads_s[widest_idx]) {
-      widest_idx = static_cast<int>(f);
-    }
-    spreads_s.push_back(last_s - first_s);
-  }
-  const std::optional<double> interval_s = FrameInterval(scene);
-  const double spread_s = Median(spreads_s);
-  if (!interval_s || spread_s <= *interval_s) return;
-  const auto text = [](double value_s) {
-    return FormatDouble(value_s, std::chars_format::general, 4) + " s";
-  };
-  Throw(path, "has times of the images of one frame that differ by " +
-                  text(spread_s) + " in the median, more than the " +
-                  text(*interval_s) +
-                  " between frames, such as in the frame '" +
-                  scene.frames[widest_idx].name +
-                  "'; correct the times, or pair images by time with "
-                  "frame_max_time_difference_s");
-}
-
-}  // namespace
-
 std::vector<double> ReadImageTimes(const std::filesystem::path& path,
                                    const std::vector<std::string>& names,
                                    UnknownImages others) {
   std::vector<double> times_s;
-  for (const auto& time_s : TimestampReader(path, others, names).Read()) {
+  for (const auto& time_s : ReadTimes(path, names, others)) {
     if (!time_s) {
       Throw(path, "has no time for image '" + names[times_s.size()] +
                       "'; add a line 'image_name SECONDS'");
@@ -339,7 +302,7 @@ std::vector<double> ReadImageTimes(const std::filesystem::path& path,
 
 void CheckImageTimes(const std::filesystem::path& path,
                      const std::vector<std::string>& names) {
-  (void)TimestampReader(path, UnknownImages::kReject, names).Read();
+  (void)ReadTimes(path, names, UnknownImages::kReject);
 }
 
 std::optional<std::string> WhyTimesAreNotSeconds(
@@ -361,9 +324,8 @@ std::optional<std::string> WhyTimesAreNotSeconds(
 
 void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,
                          UnknownImages others) {
-  std::vector<std::string> names;
-  for (const Image& image : scene->images) names.push_back(image.name);
-  const std::vector<double> times_s = ReadImageTimes(path, names, others);
+  const std::vector<double> times_s =
+      ReadImageTimes(path, Transformed(scene->images, &Image::name), others);
   for (size_t i = 0; i < times_s.size(); ++i) {
     scene->images[i].timestamp_s = times_s[i];
   }

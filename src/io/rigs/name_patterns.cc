@@ -5,9 +5,9 @@
 
 #include <algorithm>
 #include <cctype>
-#include <map>
 #include <set>
 
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "rigs/rig_inference.h"
@@ -90,7 +90,7 @@ std::string PatternOfEnds(const std::vector<std::string>& names) {
 std::optional<std::vector<std::string>> JoinTellingParts(
     const NameGroups& groups, bool splits_words) {
   std::vector<CommonParts> common;
-  for (const std::vector<std::string>& names : groups) {
+  for (const auto& [camera, names] : groups) {
     const auto parts = FindCommonParts(names, splits_words);
     if (!parts || (!common.empty() && parts->size() != common[0].size())) {
       return std::nullopt;
@@ -98,7 +98,7 @@ std::optional<std::vector<std::string>> JoinTellingParts(
     common.push_back(*parts);
   }
   const auto all_have = [&](size_t i) {
-    return std::all_of(common.begin(), common.end(), [&](const auto& parts) {
+    return AllOf(common, [&](const auto& parts) {
       return parts[i] && !IsSeparator(*parts[i]);
     });
   };
@@ -121,81 +121,6 @@ std::optional<std::vector<std::string>> JoinTellingParts(
   return telling;
 }
 
-}  // namespace
-
-std::vector<std::string> SplitNameParts(const std::string& name,
-                                        bool splits_words) {
-  Parts parts;
-  for (size_t i = 0; i < name.size(); ++i) {
-    const CharKind kind = KindOf(name[i]);
-    const CharKind before = i == 0 ? CharKind::kSeparator : KindOf(name[i - 1]);
-    const bool continues = kind != CharKind::kSeparator &&
-                           before != CharKind::kSeparator &&
-                           (kind == before || !splits_words);
-    if (continues) {
-      parts.back() += name[i];
-    } else {
-      parts.emplace_back(1, name[i]);
-    }
-  }
-  return parts;
-}
-
-std::optional<std::string> MatchNamePattern(const std::string& name,
-                                            const std::string& pattern) {
-  std::string found;
-  size_t position = 0, begin = 0;
-  while (true) {
-    const size_t star = pattern.find(kStar, begin);
-    const std::string text = pattern.substr(begin, star - begin);
-    const bool is_last = star == std::string::npos;
-    size_t at = begin == 0 ? 0 : name.find(text, position);
-    if (is_last && begin > 0 && name.size() >= position + text.size()) {
-      at = name.size() - text.size();
-    }
-    if (at == std::string::npos || name.compare(at, text.size(), text) != 0) {
-      return std::nullopt;
-    }
-    if (begin > 0) {
-      found +=
-          (found.empty() ? "" : "_") + name.substr(position, at - position);
-    }
-    position = at + text.size();
-    if (is_last) break;
-    begin = star + 1;
-  }
-  if (position != name.size()) return std::nullopt;
-  return found;
-}
-
-std::vector<std::vector<std::string>> FindNamePatterns(
-    const NameGroups& groups) {
-  std::vector<std::vector<std::string>> ways;
-  for (const bool splits_words : {false, true}) {
-    std::vector<std::string> patterns;
-    for (const std::vector<std::string>& names : groups) {
-      const auto parts = FindCommonParts(names, splits_words);
-      if (!parts) break;
-      patterns.push_back(ToPattern(*parts));
-    }
-    if (patterns.size() == groups.size()) ways.push_back(std::move(patterns));
-  }
-  std::vector<std::string> of_ends;
-  for (const auto& names : groups) of_ends.push_back(PatternOfEnds(names));
-  ways.push_back(std::move(of_ends));
-  return ways;
-}
-
-std::optional<std::vector<std::string>> FindTellingParts(
-    const NameGroups& groups) {
-  for (const bool splits_words : {false, true}) {
-    if (auto parts = JoinTellingParts(groups, splits_words)) return parts;
-  }
-  return std::nullopt;
-}
-
-namespace {
-
 // Unnamed groups are ignored.
 struct NameRule {
   explicit NameRule(const std::string& rule);
@@ -204,8 +129,8 @@ struct NameRule {
   std::map<int, std::string> groups;  // "camera", "frame" or "rig", by number
 
   bool HasGroup(const std::string& name) const {
-    return std::any_of(groups.begin(), groups.end(),
-                       [&](const auto& group) { return group.second == name; });
+    return AnyOf(groups,
+                 [&](const auto& group) { return group.second == name; });
   }
 };
 
@@ -247,16 +172,9 @@ std::string WithUniqueNames(const std::string& rule) {
   return unique;
 }
 
-// RE2 writes no messages to the standard error stream.
-RE2::Options QuietOptions() {
-  RE2::Options options;
-  options.set_log_errors(false);
-  return options;
-}
-
 // RE2 takes linear time in the length of a name, whatever the rule.
 NameRule::NameRule(const std::string& rule)
-    : regex(WithUniqueNames(rule), QuietOptions()) {
+    : regex(WithUniqueNames(rule), RE2::Quiet) {
   if (!regex.ok()) {
     ThrowRuleError(rule,
                    "is not a regular expression of RE2: " + regex.error());
@@ -312,6 +230,76 @@ ImageKeys KeysOfMatch(const std::string& name, const Texts& texts,
 }
 
 }  // namespace
+
+std::vector<std::string> SplitNameParts(const std::string& name,
+                                        bool splits_words) {
+  Parts parts;
+  for (size_t i = 0; i < name.size(); ++i) {
+    const CharKind kind = KindOf(name[i]);
+    const CharKind before = i == 0 ? CharKind::kSeparator : KindOf(name[i - 1]);
+    const bool continues = kind != CharKind::kSeparator &&
+                           before != CharKind::kSeparator &&
+                           (kind == before || !splits_words);
+    if (continues) {
+      parts.back() += name[i];
+    } else {
+      parts.emplace_back(1, name[i]);
+    }
+  }
+  return parts;
+}
+
+std::optional<std::string> MatchNamePattern(const std::string& name,
+                                            const std::string& pattern) {
+  std::string found;
+  size_t position = 0, begin = 0;
+  while (true) {
+    const size_t star = pattern.find(kStar, begin);
+    const std::string text = pattern.substr(begin, star - begin);
+    const bool is_last = star == std::string::npos;
+    size_t at = begin == 0 ? 0 : name.find(text, position);
+    if (is_last && begin > 0 && name.size() >= position + text.size()) {
+      at = name.size() - text.size();
+    }
+    if (at == std::string::npos || name.compare(at, text.size(), text) != 0) {
+      return std::nullopt;
+    }
+    if (begin > 0) {
+      found +=
+          (found.empty() ? "" : "_") + name.substr(position, at - position);
+    }
+    position = at + text.size();
+    if (is_last) break;
+    begin = star + 1;
+  }
+  if (position != name.size()) return std::nullopt;
+  return found;
+}
+
+std::vector<std::vector<std::string>> FindNamePatterns(
+    const NameGroups& groups) {
+  std::vector<std::vector<std::string>> ways;
+  for (const bool splits_words : {false, true}) {
+    std::vector<std::string> patterns;
+    for (const auto& [camera, names] : groups) {
+      const auto parts = FindCommonParts(names, splits_words);
+      if (!parts) break;
+      patterns.push_back(ToPattern(*parts));
+    }
+    if (patterns.size() == groups.size()) ways.push_back(std::move(patterns));
+  }
+  ways.push_back(Transformed(
+      groups, [](const auto& group) { return PatternOfEnds(group.second); }));
+  return ways;
+}
+
+std::optional<std::vector<std::string>> FindTellingParts(
+    const NameGroups& groups) {
+  for (const bool splits_words : {false, true}) {
+    if (auto parts = JoinTellingParts(groups, splits_words)) return parts;
+  }
+  return std::nullopt;
+}
 
 RigAssignment AssignByRule(const RigInput& input, const std::string& rule,
                            const TimedImages* times, const Context& context) {

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace mgsfm {
 
-// The names of the images of each camera.
-using NameGroups = std::vector<std::vector<std::string>>;
+// The names of the images of each camera, by its number. The functions return
+// the results of the cameras in this order.
+using NameGroups = std::map<int, std::vector<std::string>>;
 
 // The parts of a name that match the stars of a pattern, joined by '_'; nullopt
 // if the name does not fit. "IMG_0001_cam1.jpg" fits "IMG_*_cam1.jpg" with

@@ -309,16 +309,14 @@ bool IsFaithful(const Scene& scene, const NameGroup& group) {
 // The images of a rig with the first patterns that reproduce it.
 std::optional<NameGroup> FindPatterns(const Scene& scene, int rig_idx) {
   NameGroup group;
-  std::map<int, std::vector<std::string>> names_of_sensor;
+  NameGroups names_of_sensor;
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const Image& image = scene.images[i];
     if (scene.sensors[image.sensor_idx].rig_idx != rig_idx) continue;
     group.image_idxs.push_back(static_cast<int>(i));
     names_of_sensor[image.sensor_idx].push_back(image.name);
   }
-  NameGroups names;
-  for (const auto& entry : names_of_sensor) names.push_back(entry.second);
-  for (const std::vector<std::string>& patterns : FindNamePatterns(names)) {
+  for (const auto& patterns : FindNamePatterns(names_of_sensor)) {
     auto pattern = patterns.begin();
     for (const auto& entry : names_of_sensor) {
       group.rule_of_sensor[entry.first].image_pattern = *pattern++;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -62,6 +63,20 @@ struct ImageKeys {
   std::string frame_name;
 };
 
+// Numbers distinct keys in the order of their appearance.
+template <class Key = std::string>
+class Numbering {
+ public:
+  int operator()(const Key& key) {
+    return numbers_.emplace(key, static_cast<int>(numbers_.size()))
+        .first->second;
+  }
+  size_t size() const { return numbers_.size(); }
+
+ private:
+  std::map<Key, int> numbers_;
+};
+
 // Images that form frames by time: the times of all images, and the maximum
 // difference within a frame.
 struct TimedImages {
@@ -114,39 +129,22 @@ std::string NameWithoutSensor(const std::string& image_name,
 
 // -------------------------------------------------------- frames by time
 
-// The cameras of rigs whose frames are sought, and the camera of each image;
-// -1: the image takes no part.
-struct TimedSensors {
-  struct Sensor {
-    std::string name;
-    int rig = 0;
-    bool is_reference = false;
-  };
-  std::vector<Sensor> sensors;
-  std::vector<int> sensor_of_image;
-};
-
-struct FramesByTime {
-  struct Frame {
-    int rig = 0;
-    std::string name;  // the time of its first sensor, with nine decimals
-  };
-  std::vector<Frame> frames;
-  std::vector<int> frame_of_image;  // -1: the image has no sensor
-};
-
 // Pairs the images of the sensors of each rig one to one. The sensors join one
 // after the other: the reference, then by descending number of images, then by
 // name. An image and a frame are paired if each is the nearest of the other and
 // they are at most max_difference_ns apart; of two that are equally near, the
-// earlier one counts. Images without a partner become frames. Cost: O(n log n)
-// per sensor.
+// earlier one counts. Images without a partner become frames. A frame is named
+// after the time of its first sensor, with nine decimals. Cost: O(n log n) per
+// sensor.
+//
+// Takes the sensors of the assignment, where images without a sensor have -1 as
+// sensor and as frame, and sets its frames.
 //
 // Logs the pairs, the images without a partner, and the distribution of
 // differences of each sensor. Throws Error if there is no pair, or if two
 // images of a sensor have one time.
-FramesByTime PairByTime(const RigInput& input, const TimedSensors& sensors,
-                        const TimedImages& times, const Context& context);
+void PairByTime(const RigInput& input, const TimedImages& times,
+                const Context& context, RigAssignment* assignment);
 
 // Replaces the frames of the keys by frames according to image times.
 void SetFramesByTime(const RigInput& input, const TimedImages& times,

@@ -62,21 +62,19 @@ std::optional<int> FindSensor(const std::string& image_name,
 void AddFramesByName(const RigInput& input,
                      const std::vector<RigConfigCamera>& cameras,
                      RigAssignment* assignment) {
-  std::map<std::pair<int, std::string>, int> frames;
+  Numbering<std::pair<int, std::string>> numbers;
   for (size_t i = 0; i < input.contents.images.size(); ++i) {
     const int sensor = assignment->sensor_of_image[i];
     if (sensor < 0) continue;
     const RigConfigCamera& camera = cameras[sensor];
     const std::string key = *FrameKeyOf(camera, input.contents.images[i].name);
     const int rig = assignment->sensors[sensor].rig;
-    const auto [frame, is_new] = frames.emplace(
-        std::make_pair(rig, key), static_cast<int>(assignment->frames.size()));
-    if (is_new) {
+    assignment->frame_of_image[i] = numbers({rig, key});
+    if (numbers.size() > assignment->frames.size()) {
       const bool has_extension = camera.image_pattern.empty();
       assignment->frames.push_back(
           {rig, has_extension ? WithoutExtension(key) : key, {}});
     }
-    assignment->frame_of_image[i] = frame->second;
   }
 }
 
@@ -85,15 +83,13 @@ void AddFramesByName(const RigInput& input,
 void NamePatternSensors(const RigInput& input,
                         const std::vector<RigConfigCamera>& cameras,
                         RigAssignment* assignment) {
-  std::map<int, std::vector<std::string>> names;
+  NameGroups names;
   for (size_t i = 0; i < input.contents.images.size(); ++i) {
     const int sensor = assignment->sensor_of_image[i];
     if (sensor < 0 || cameras[sensor].image_pattern.empty()) continue;
     names[sensor].push_back(input.contents.images[i].name);
   }
-  NameGroups groups;
-  for (const auto& entry : names) groups.push_back(entry.second);
-  const auto parts = groups.empty() ? std::nullopt : FindTellingParts(groups);
+  const auto parts = names.empty() ? std::nullopt : FindTellingParts(names);
   size_t k = 0;
   for (const auto& entry : names) {
     assignment->sensors[entry.first].name =
@@ -129,19 +125,6 @@ void WarnIfNamesShareNoFrame(const RigInput& input,
       ": no two cameras of a rig have images of the same name, so that each "
       "image is a frame of its own; give images of one frame the same name, or "
       "set frame_max_time_difference_s"));
-}
-
-void AddFramesByTime(const RigInput& input, const TimedImages& times,
-                     const Context& context, RigAssignment* assignment) {
-  TimedSensors sensors{{}, assignment->sensor_of_image};
-  for (const RigAssignment::Sensor& sensor : assignment->sensors) {
-    sensors.sensors.push_back({sensor.name, sensor.rig, sensor.is_reference});
-  }
-  const FramesByTime found = PairByTime(input, sensors, times, context);
-  for (const FramesByTime::Frame& frame : found.frames) {
-    assignment->frames.push_back({frame.rig, frame.name, {}});
-  }
-  assignment->frame_of_image = found.frame_of_image;
 }
 
 }  // namespace
@@ -181,7 +164,7 @@ RigAssignment AssignByConfig(const RigInput& input,
   }
   NamePatternSensors(input, cameras, &assignment);
   if (times != nullptr) {
-    AddFramesByTime(input, *times, context, &assignment);
+    PairByTime(input, *times, context, &assignment);
   } else {
     AddFramesByName(input, cameras, &assignment);
     WarnIfNamesShareNoFrame(input, assignment, context);

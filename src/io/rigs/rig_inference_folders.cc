@@ -118,11 +118,9 @@ std::string RuleOf(const NameParts& example, const std::vector<Place>& places) {
 // Whether the rule finds the cameras of all names.
 bool Fits(const std::string& rule, const std::vector<NameParts>& names,
           const RigInput& input, const std::vector<Place>& places) {
-  RE2::Options quiet;
-  quiet.set_log_errors(false);
   std::string unnamed = rule;
   RE2::GlobalReplace(&unnamed, RE2("\\(\\?<camera>"), "(");
-  const RE2 regex(unnamed, quiet);
+  const RE2 regex(unnamed, RE2::Quiet);
   std::vector<std::string> found(places.size());
   std::vector<RE2::Arg> arguments(found.size());
   std::vector<const RE2::Arg*> pointers;
@@ -236,26 +234,6 @@ std::optional<RigRuleSuggestion> Suggest(const RigInput& input,
   }
   return std::nullopt;
 }
-
-}  // namespace
-
-std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input) {
-  for (const bool splits_words : {false, true}) {
-    std::vector<NameParts> names;
-    for (const ImageRow& image : input.contents.images) {
-      names.push_back(SplitNameParts(image.name, splits_words));
-      if (names.back().size() != names.front().size()) break;
-    }
-    if (names.empty() || names.size() != input.contents.images.size() ||
-        names.back().size() != names.front().size()) {
-      continue;
-    }
-    if (auto suggestion = Suggest(input, names)) return suggestion;
-  }
-  return std::nullopt;
-}
-
-namespace {
 
 // The best level must exceed the next by this factor in images that share
 // frames. If a tenth of 100 images is missing at random, two equal levels never
@@ -472,29 +450,45 @@ void SuggestRigs(const RigInput& input,
 
 // The rigs of cameras that names in one folder tell apart, without a rule of
 // the user; nullopt if that is not certain.
-std::optional<RigAssignment> AssignByFoundRule(const RigInput& input,
-                                               const RigRuleSuggestion& found,
-                                               const TimedImages* times,
-                                               const Context& context) {
-  if (found.certain_rules.size() > 1) {
+std::optional<RigAssignment> AssignByFoundRule(
+    const RigInput& input, const std::optional<RigRuleSuggestion>& found,
+    const TimedImages* times, const Context& context) {
+  if (!found) return std::nullopt;
+  if (found->certain_rules.size() > 1) {
     throw Error(input.Name() +
                 ": the names of images tell cameras apart in several ways; set "
                 "rig_name_rule to '" +
-                Joined(found.certain_rules, "' or '") +
+                Joined(found->certain_rules, "' or '") +
                 "', or to none if the images are single");
   }
   const bool is_certain = times == nullptr
-                              ? found.certain_rules.size() == 1 &&
-                                    found.certain_rules.front() == found.rule
-                              : found.is_likely;
+                              ? found->certain_rules.size() == 1 &&
+                                    found->certain_rules.front() == found->rule
+                              : found->is_likely;
   if (!is_certain) return std::nullopt;
-  context.Info("the names of images tell the cameras " + found.cameras +
-               " of a rig apart, as by rig_name_rule '" + found.rule +
+  context.Info("the names of images tell the cameras " + found->cameras +
+               " of a rig apart, as by rig_name_rule '" + found->rule +
                "'; set it to none if the images are single");
-  return AssignByRule(input, found.rule, times, context);
+  return AssignByRule(input, found->rule, times, context);
 }
 
 }  // namespace
+
+std::optional<RigRuleSuggestion> SuggestRigRule(const RigInput& input) {
+  for (const bool splits_words : {false, true}) {
+    std::vector<NameParts> names;
+    for (const ImageRow& image : input.contents.images) {
+      names.push_back(SplitNameParts(image.name, splits_words));
+      if (names.back().size() != names.front().size()) break;
+    }
+    if (names.empty() || names.size() != input.contents.images.size() ||
+        names.back().size() != names.front().size()) {
+      continue;
+    }
+    if (auto suggestion = Suggest(input, names)) return suggestion;
+  }
+  return std::nullopt;
+}
 
 RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
                               const Context& context) {
@@ -504,10 +498,8 @@ RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
       return key.sensor == keys[0].sensor;
     });
     const auto rule = is_flat ? SuggestRigRule(input) : std::nullopt;
-    if (rule) {
-      auto found = AssignByFoundRule(input, *rule, times, context);
-      if (found) return *std::move(found);
-    }
+    auto found = AssignByFoundRule(input, rule, times, context);
+    if (found) return *std::move(found);
     SetFramesByTime(input, *times, context, &keys);
   }
   RigAssignment assignment = AssignByKeys(input, keys);
@@ -517,10 +509,8 @@ RigAssignment AssignByFolders(const RigInput& input, const TimedImages* times,
   CheckFoldersAreCameras(input, assignment);
   if (!AreMostImagesSingle(assignment)) return assignment;
   const auto rule = SuggestRigRule(input);
-  if (rule) {
-    auto found = AssignByFoundRule(input, *rule, times, context);
-    if (found) return *std::move(found);
-  }
+  auto found = AssignByFoundRule(input, rule, times, context);
+  if (found) return *std::move(found);
   SuggestRigs(input, rule, context);
   return assignment;
 }

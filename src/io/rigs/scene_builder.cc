@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/grouped_warnings.h"
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "rigs/rig_inference.h"
 #include "scene/intrinsics_check.h"
@@ -121,16 +122,6 @@ class SceneBuilder {
   void CheckAssignedIntrinsics(int sensor, const Camera& camera) const;
   CameraId UnusedCameraId() const;
 
-  // The position of `key` in an array of the scene. Sets `is_new` for the first
-  // image with this key, which must then append the element.
-  template <class Key>
-  static int Number(const Key& key, std::map<Key, int>* numbers, bool* is_new) {
-    const auto [it, inserted] =
-        numbers->emplace(key, static_cast<int>(numbers->size()));
-    *is_new = inserted;
-    return it->second;
-  }
-
   RigInput input_;
   RigAssignment assignment_;
   const Context& context_;
@@ -140,10 +131,8 @@ class SceneBuilder {
   // The intrinsics of a sensor: from the input, or a replacement.
   using CameraKey =
       std::tuple<int, std::optional<CameraModelId>, std::vector<double>>;
-  std::map<CameraKey, int> camera_idxs_;
-  std::map<int, int> sensor_idxs_;
-  std::map<int, int> frame_idxs_;
-  std::map<int, int> rig_idxs_;
+  Numbering<CameraKey> camera_idxs_;
+  Numbering<int> sensor_idxs_, frame_idxs_, rig_idxs_;
 };
 
 // A sensor has one camera: the camera of its first image, if those of its other
@@ -208,12 +197,10 @@ void SceneBuilder::CheckAssignedIntrinsics(int sensor,
 
 int SceneBuilder::AddCamera(int sensor) {
   const RigAssignment::Sensor& assigned = assignment_.sensors[sensor];
-  bool is_new = false;
   const int camera_idx =
-      Number(CameraKey(camera_of_sensor_[sensor], assigned.camera_model,
-                       assigned.camera_params),
-             &camera_idxs_, &is_new);
-  if (!is_new) return camera_idx;
+      camera_idxs_({camera_of_sensor_[sensor], assigned.camera_model,
+                    assigned.camera_params});
+  if (camera_idxs_.size() == scene_.cameras.size()) return camera_idx;
   Camera camera = input_.contents.cameras[camera_of_sensor_[sensor]];
   if (assigned.camera_model) {
     camera.model = *assigned.camera_model;
@@ -221,10 +208,10 @@ int SceneBuilder::AddCamera(int sensor) {
     camera.has_prior_focal_length = true;
     CheckAssignedIntrinsics(sensor, camera);
   }
-  const bool id_is_taken =
-      std::any_of(scene_.cameras.begin(), scene_.cameras.end(),
-                  [&](const Camera& other) { return other.id == camera.id; });
-  if (id_is_taken) camera.id = UnusedCameraId();
+  if (AnyOf(scene_.cameras,
+            [&](const Camera& other) { return other.id == camera.id; })) {
+    camera.id = UnusedCameraId();
+  }
   scene_.cameras.push_back(std::move(camera));
   return camera_idx;
 }
@@ -234,23 +221,22 @@ void SceneBuilder::AddImage(int image_idx) {
   const int assigned_sensor = assignment_.sensor_of_image[image_idx];
   const int assigned_frame = assignment_.frame_of_image[image_idx];
   const RigAssignment::Sensor& assigned = assignment_.sensors[assigned_sensor];
-  bool is_new = false;
-  const int rig_idx = Number(assigned.rig, &rig_idxs_, &is_new);
-  if (is_new) {
+  const int rig_idx = rig_idxs_(assigned.rig);
+  if (rig_idxs_.size() > scene_.rigs.size()) {
     const auto id = assignment_.rig_ids[assigned.rig];
     scene_.rigs.push_back(
         {id.value_or(RigId(static_cast<uint32_t>(rig_idx + 1))), 0, {}});
   }
-  const int sensor_idx = Number(assigned_sensor, &sensor_idxs_, &is_new);
-  if (is_new) {
+  const int sensor_idx = sensor_idxs_(assigned_sensor);
+  if (sensor_idxs_.size() > scene_.sensors.size()) {
     scene_.sensors.push_back({assigned.name, rig_idx,
                               AddCamera(assigned_sensor),
                               assigned.sensor_from_rig});
     scene_.rigs[rig_idx].sensor_idxs.push_back(sensor_idx);
     if (assigned.is_reference) scene_.rigs[rig_idx].ref_sensor_idx = sensor_idx;
   }
-  const int frame_idx = Number(assigned_frame, &frame_idxs_, &is_new);
-  if (is_new) {
+  const int frame_idx = frame_idxs_(assigned_frame);
+  if (frame_idxs_.size() > scene_.frames.size()) {
     const RigAssignment::Frame& frame = assignment_.frames[assigned_frame];
     scene_.frames.push_back(
         {frame.id.value_or(FrameId(row.id.value())), frame.name, rig_idx, {}});
