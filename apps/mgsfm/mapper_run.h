@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "baselines/mapper_baselines.h"
@@ -61,6 +62,14 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
 // database lacks one.
 std::vector<size_t> FindImages(const Scene& model, const Scene& database,
                                const std::string& database_path);
+
+// Keeps the priors of the images with these indices, if there are any.
+template <class Prior>
+void SelectImages(const std::vector<size_t>& idxs, std::vector<Prior>* priors) {
+  const std::vector<Prior> of_all = std::exchange(*priors, {});
+  if (of_all.empty()) return;
+  for (const size_t i : idxs) priors->push_back(of_all[i]);
+}
 
 // Reads the priors of the images of the scene, which may be a part of those of
 // the database, in any order. Files may name any image of the database, and
