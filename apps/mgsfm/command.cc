@@ -13,14 +13,12 @@
 #include <utility>
 #include <vector>
 
-#include "base/file_reading.h"
 #include "base/parallel.h"
 #include "base/ranges.h"
 #include "base/text_streams.h"
 #include "base/text_tools.h"
 #include "database/sqlite_database.h"
 #include "files/file_operations.h"
-#include "files/image_limits.h"
 #include "files/image_reading.h"
 #include "files/model_files.h"
 #include "help.h"
@@ -146,11 +144,6 @@ struct NamedPath {
   std::string path;
 };
 
-bool EndsWith(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() &&
-         text.compare(text.size() - end.size(), end.size(), end) == 0;
-}
-
 // The files behind an input path. A folder represents the files of its model;
 // outputs never replace images or pipes.
 std::vector<fs::path> FilesOf(const fs::path& path) {
@@ -166,8 +159,10 @@ std::vector<fs::path> FilesOf(const fs::path& path) {
 
 // Options of several inputs have numbered names, such as input_path1.
 bool IsPathOption(const std::string& name) {
-  return EndsWith(name.substr(0, name.find_last_not_of("0123456789") + 1),
-                  "_path");
+  constexpr std::string_view kEnd = "_path";
+  const size_t size = name.find_last_not_of("0123456789") + 1;
+  return size >= kEnd.size() &&
+         name.compare(size - kEnd.size(), kEnd.size(), kEnd) == 0;
 }
 
 // Some options take a list of paths, separated by commas.
@@ -202,8 +197,7 @@ std::string KindOfKeptFile(const std::string& target) {
   std::error_code ignored;
   if (!fs::is_regular_file(target, ignored)) return "";
   if (HasDatabaseHeader(target)) return "a database";
-  const std::string header = ReadFile(target, "", kMaxImageHeaderBytes);
-  return ReadImageSize(header).has_value() ? "an image" : "";
+  return ReadImageSizeOf(target) ? "an image" : "";
 }
 
 void CheckIsNotKept(const Target& target) {
@@ -327,19 +321,6 @@ bool TakeSwitch(const std::string& name, std::vector<Flag>* flags) {
   return flag.has_value();
 }
 
-const OptionEntry* FindOption(const OptionList& options,
-                              const std::string& name) {
-  for (const OptionEntry& entry : options) {
-    if (entry.name == name) return &entry;
-  }
-  return nullptr;
-}
-
-bool IsBool(const OptionEntry* option) {
-  return option != nullptr &&
-         std::holds_alternative<bool>(option->default_value);
-}
-
 OptionAdvice AdviceFor(const OptionList& options) {
   return [&options](const std::string& name) {
     return AdviceOnOption(name, options);
@@ -350,6 +331,12 @@ void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
   // An unknown name is more likely than a missing value.
   CheckOptionNames(options, Transformed(flags, &Flag::name),
                    AdviceFor(options));
+  const auto is_bool = [&](const std::string& name) {
+    return AnyOf(options, [&](const OptionEntry& entry) {
+      return entry.name == name &&
+             std::holds_alternative<bool>(entry.default_value);
+    });
+  };
   std::set<std::string> known;
   for (const Flag& flag : flags) {
     if (!known.insert(flag.name).second) {
@@ -357,7 +344,7 @@ void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
     }
     if (flag.value) {
       SetOption(options, flag.name, *flag.value);
-    } else if (IsBool(FindOption(options, flag.name))) {
+    } else if (is_bool(flag.name)) {
       SetOption(options, flag.name, "true");
     } else {
       throw Error("--" + flag.name + " needs a value");

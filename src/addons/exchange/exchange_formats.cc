@@ -65,6 +65,12 @@ std::string NumberList(const std::vector<double>& values) {
   return text + "]";
 }
 
+Eigen::Vector2d PrincipalPoint(const Camera& camera) {
+  const std::vector<int>& idxs =
+      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  return {camera.params[idxs[0]], camera.params[idxs[1]]};
+}
+
 std::vector<std::string> PlainSensorNames(const Scene& scene) {
   std::vector<std::string> names;
   std::set<std::string> taken;

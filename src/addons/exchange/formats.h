@@ -13,6 +13,8 @@ std::string Digits(double value);
 // "[1.5, 2]", as in YAML.
 std::string NumberList(const std::vector<double>& values);
 
+Eigen::Vector2d PrincipalPoint(const Camera& camera);
+
 // Names of sensors that serve as file names and as frames of ROS: letters,
 // digits, '_' and '-'; all different.
 std::vector<std::string> PlainSensorNames(const Scene& scene);

@@ -25,6 +25,7 @@ struct ImportInput {
 struct ImportFormat {
   std::string_view name;
   Model (*read)(const ImportInput& input, const Context& context);
+  std::string_view extension;
 };
 
 // Upper and lower case are the same. nullptr for an unknown name.

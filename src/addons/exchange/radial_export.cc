@@ -51,9 +51,7 @@ RadialCamera ToRadialCamera(const ExportInput& input, int camera_idx,
   if (std::abs(first - last) > kSameFocalLength * first) {
     Throw(input.scene, camera_idx, format, "has two focal lengths");
   }
-  RadialCamera radial{first,
-                      {camera.params[info.principal_point_idxs[0]],
-                       camera.params[info.principal_point_idxs[1]]}};
+  RadialCamera radial{first, PrincipalPoint(camera)};
   const std::vector<int>& extra = info.extra_params_idxs;
   if (!extra.empty()) radial.k1 = camera.params[extra[0]];
   if (extra.size() > 1) radial.k2 = camera.params[extra[1]];
@@ -149,12 +147,8 @@ std::vector<std::string> MovedPrincipalPoints(const ExportInput& input) {
   std::vector<std::string> messages;
   for (size_t i = 0; i < input.model.cameras.size(); ++i) {
     const Camera& camera = input.model.cameras[i];
-    const std::vector<int>& idxs =
-        FindCameraModel(static_cast<int32_t>(camera.model))
-            ->principal_point_idxs;
     const Eigen::Vector2d offset =
-        Eigen::Vector2d(camera.params[idxs[0]], camera.params[idxs[1]]) -
-        CenterOfImage(camera);
+        PrincipalPoint(camera) - CenterOfImage(camera);
     if (offset.cwiseAbs().maxCoeff() <= kRounding_px) continue;
     messages.push_back(
         CameraLabel(input.scene, static_cast<int>(i)) +

@@ -6,6 +6,7 @@
 
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "exchange/formats.h"
 #include "exchange/import_formats.h"
 #include "exchange/imported_model.h"
 #include "geometry/rigid_matrix.h"
@@ -203,13 +204,6 @@ Camera MakeCamera(const std::optional<FixedCalibration>& fixed,
     camera.params.insert(camera.params.end(), {k1, 0.0, 0.0, 0.0});
   }
   return camera;
-}
-
-Eigen::Vector2d PrincipalPoint(const Camera& camera) {
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
-  return {camera.params[info.principal_point_idxs[0]],
-          camera.params[info.principal_point_idxs[1]]};
 }
 
 ImportedImage ReadImage(const std::optional<FixedCalibration>& fixed,
