@@ -160,11 +160,10 @@ std::string Describe(const ModelScene& input, const BundleResult& result) {
 
 void LogInput(const ModelScene& input, const Context& context) {
   const Scene& scene = input.scene;
-  context.Info("rigs from " + input.rig_source + ": " +
-               std::to_string(scene.rigs.size()) + " rigs, " +
-               std::to_string(scene.frames.size()) + " frames, " +
-               std::to_string(scene.images.size()) + " images, " +
-               std::to_string(input.reconstruction.points.size()) + " points");
+  context.Info(Formatted(
+      "rigs from %s: %zu rigs, %zu frames, %zu images, %zu points",
+      input.rig_source.c_str(), scene.rigs.size(), scene.frames.size(),
+      scene.images.size(), input.reconstruction.points.size()));
 }
 
 void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
@@ -176,9 +175,10 @@ void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
   }
   warnings.Log(context);
   if (summary.num_invisible_observations > 0) {
-    context.Warning(std::to_string(summary.num_invisible_observations) +
-                    " observations are ignored, as their points do not "
-                    "project into the images");
+    context.Warning(
+        Formatted("%zu observations are ignored, as their points do not "
+                  "project into the images",
+                  summary.num_invisible_observations));
   }
 }
 

@@ -5,8 +5,10 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/parallel.h"
+#include "base/text_tools.h"
 #include "cmd_images.h"
 #include "command.h"
 #include "commands.h"
@@ -81,17 +83,10 @@ struct ImageUndistorterOptions {
   }
 };
 
-fs::path ModelFolder(UndistortionLayout layout) {
-  switch (layout) {
-    case UndistortionLayout::kColmap:
-    case UndistortionLayout::kMvs:
-      return "sparse";
-    case UndistortionLayout::kGaussianSplatting:
-      return fs::path("sparse") / "0";
-    case UndistortionLayout::kNerfstudio:
-      return fs::path("colmap") / "sparse" / "0";
-  }
-  return {};
+const char* ModelFolder(UndistortionLayout layout) {
+  return layout == UndistortionLayout::kGaussianSplatting ? "sparse/0"
+         : layout == UndistortionLayout::kNerfstudio      ? "colmap/sparse/0"
+                                                          : "sparse";
 }
 
 // Trainers drop the folders of cameras where they scale images or find masks.
@@ -102,12 +97,9 @@ ViewNaming NamingOf(UndistortionLayout layout) {
              : ViewNaming::kFolders;
 }
 
-fs::path Canonical(const fs::path& path) {
-  return fs::weakly_canonical(fs::absolute(path));
-}
-
 std::string CanonicalOrEmpty(const std::string& path) {
-  return path.empty() ? "" : Canonical(path).string();
+  if (path.empty()) return "";
+  return fs::weakly_canonical(fs::absolute(path)).string();
 }
 
 // ------------------------------------------------------------------- settings
@@ -137,7 +129,7 @@ std::string Settings(const ImageUndistorterOptions& options,
         {{"camera", ToJson(model.cameras[i])}, {"views", std::move(views)}});
   }
   const nlohmann::ordered_json settings = {
-      {"image_path", Canonical(*options.image_path).string()},
+      {"image_path", CanonicalOrEmpty(options.image_path)},
       {"mask_path", CanonicalOrEmpty(options.mask_path)},
       {"camera_mask_path", CanonicalOrEmpty(options.camera_mask_path)},
       {"has_flat_names", NamingOf(options.output_type) == ViewNaming::kFlat},
@@ -177,8 +169,7 @@ void LogViews(const Scene& scene,
     }
     const Camera& camera = views.front().camera;
     context.Info(line + (views.size() > 1 ? "of " : "") +
-                 std::to_string(camera.width_px) + " x " +
-                 std::to_string(camera.height_px) + " px");
+                 SizeText(camera.width_px, camera.height_px) + " px");
   }
 }
 
@@ -283,8 +274,8 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
   WriteModelFile({{std::move(model.scene), std::move(model.reconstruction)},
                   tool_model.origin_wgs84},
                  ModelFormat::kBinary, context, &output);
-  context.Info("undistorted " + Describe(summary) + "; " +
-               std::to_string(num_images) + " images in the result");
+  context.Info("undistorted " + Describe(summary) +
+               Formatted("; %zu images in the result", num_images));
   return kExitSuccess;
 }
 

@@ -31,18 +31,17 @@ namespace {
 
 // "96 images in 2.1 s, 45.2 images/s; ".
 std::string Rate(size_t num_images, double seconds) {
-  return std::to_string(num_images) +
-         Formatted(" images in %.1f s, %.3g images/s; ", seconds,
+  return Formatted("%zu images in %.1f s, %.3g images/s; ", num_images, seconds,
                    static_cast<double>(num_images) / std::max(seconds, 1e-9));
 }
 
 void LogSummary(const FeatureExtractionSummary& summary,
                 const Context& context) {
-  context.Info(std::to_string(summary.num_features) + " features of " +
-               Rate(summary.num_extracted, summary.seconds) +
-               std::to_string(summary.num_present) +
-               " images already had features, " +
-               std::to_string(summary.num_rejected) + " were rejected");
+  context.Info(Formatted(
+      "%zu features of %s%zu images already had features, %zu were rejected",
+      summary.num_features,
+      Rate(summary.num_extracted, summary.seconds).c_str(), summary.num_present,
+      summary.num_rejected));
 }
 
 }  // namespace
@@ -77,11 +76,10 @@ void SampleVideosInto(const std::filesystem::path& output_path,
                       const Context& context) {
   const VideoSamplingSummary summary =
       SampleVideos(SplitVideoPaths(video_paths), output_path, options, context);
-  const std::string seconds = Formatted("%.1f s", summary.seconds);
-  context.Info("extracted " + std::to_string(summary.num_written) +
-               " images of " + std::to_string(summary.num_frames) +
-               " frames in " + seconds + "; " +
-               std::to_string(summary.num_present) + " were already there");
+  context.Info(Formatted(
+      "extracted %zu images of %zu frames in %.1f s; %zu were already there",
+      summary.num_written, summary.num_frames, summary.seconds,
+      summary.num_present));
   context.Info("images are in " + (output_path / "images").string() +
                ", their times in " + (output_path / "timestamps.txt").string());
 }
@@ -205,12 +203,11 @@ int RunFeatureImporter(const FeatureImporterOptions& options,
                            FeatureDatabase::OpenMode::kOrCreate);
   const FeatureImportSummary summary =
       ImportFeatures(options.import, &database, context);
-  context.Info(std::to_string(summary.num_features) + " features of " +
-               std::to_string(summary.num_images - summary.num_present) +
-               " images, " + std::to_string(summary.num_present) +
-               " images already had features; " +
-               std::to_string(summary.num_matches) + " matches of " +
-               std::to_string(summary.num_pairs) + " pairs");
+  context.Info(
+      Formatted("%zu features of %zu images, %zu images already had features; "
+                "%zu matches of %zu pairs",
+                summary.num_features, summary.num_images - summary.num_present,
+                summary.num_present, summary.num_matches, summary.num_pairs));
   context.Info("next: verify the matches with geometric_verifier");
   return kExitSuccess;
 }
@@ -367,54 +364,39 @@ int RunRigConfigurator(const RigConfiguratorOptions& options,
                            FeatureDatabase::OpenMode::kExisting);
   const RigConfigurationSummary summary = ConfigureRigs(
       WithExifTimes(options, database, context), &database, context);
-  context.Info("rigs from " + summary.rig_source + ": " +
-               std::to_string(summary.num_rigs) + " rigs of " +
-               std::to_string(summary.num_sensors) + " cameras, " +
-               std::to_string(summary.num_frames) + " frames, " +
-               std::to_string(summary.num_images) + " images");
+  context.Info(
+      Formatted("rigs from %s: %zu rigs of %zu cameras, %zu frames, %zu images",
+                summary.rig_source.c_str(), summary.num_rigs,
+                summary.num_sensors, summary.num_frames, summary.num_images));
   return kExitSuccess;
 }
 
 }  // namespace
 
-Command FeatureExtractorCommand() {
-  return MakeResumableCommand("feature_extractor",
-                              "Extracts SIFT features from images.",
-                              RunFeatureExtractor);
-}
-
-Command FeatureImporterCommand() {
-  return MakeCommand(
-      "feature_importer",
-      "Imports features and matches of other programs, in hloc's format.",
-      RunFeatureImporter);
-}
-
-Command VideoSamplerCommand() {
-  return MakeResumableCommand(
-      "video_sampler",
-      "Extracts images of videos, one video per camera of a rig.",
-      RunVideoSampler);
-}
-
-Command RecordingImporterCommand() {
-  return MakeResumableCommand(
-      "recording_importer",
-      "Imports images, calibration and positions of ROS bags and MCAP files.",
-      RunRecordingImporter);
-}
-
-Command ImageSplitterCommand() {
-  return MakeResumableCommand(
-      "image_splitter",
-      "Splits panoramas and dual fisheye images into the images of rigs.",
-      RunImageSplitter);
-}
-
-Command RigConfiguratorCommand() {
-  return MakeCommand("rig_configurator",
-                     "Writes rigs and frames to a database.",
-                     RunRigConfigurator);
+std::vector<Command> ImageCommands() {
+  return {
+      MakeResumableCommand("feature_extractor",
+                           "Extracts SIFT features from images.",
+                           RunFeatureExtractor),
+      MakeCommand(
+          "feature_importer",
+          "Imports features and matches of other programs, in hloc's format.",
+          RunFeatureImporter),
+      MakeResumableCommand(
+          "image_splitter",
+          "Splits panoramas and dual fisheye images into the images of rigs.",
+          RunImageSplitter),
+      MakeResumableCommand(
+          "video_sampler",
+          "Extracts images of videos, one video per camera of a rig.",
+          RunVideoSampler),
+      MakeResumableCommand(
+          "recording_importer",
+          "Imports images, calibration and positions of ROS bags and MCAP "
+          "files.",
+          RunRecordingImporter),
+      MakeCommand("rig_configurator", "Writes rigs and frames to a database.",
+                  RunRigConfigurator)};
 }
 
 }  // namespace mgsfm

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "base/format.h"
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
@@ -39,6 +40,15 @@ template <>
 struct EnumTable<ImageFormat> {
   static constexpr std::pair<std::string_view, ImageFormat> kNames[] = {
       {"png", ImageFormat::kPng}, {"jpg", ImageFormat::kJpeg}};
+};
+
+template <>
+struct EnumTable<PairKind> {
+  static constexpr std::pair<std::string_view, PairKind> kNames[] = {
+      {"true", PairKind::kTrue},
+      {"isolated", PairKind::kIsolatedWrong},
+      {"duplicate", PairKind::kDuplicatedStructure},
+      {"vehicle", PairKind::kMovingObject}};
 };
 
 template <>
@@ -207,11 +217,10 @@ std::string CameraLines(const Scene& scene) {
   std::string lines;
   for (const Sensor& sensor : scene.sensors) {
     const Camera& camera = scene.cameras[sensor.camera_idx];
-    lines +=
-        sensor.name + " " +
-        std::string(FindCameraModel(static_cast<int32_t>(camera.model))->name) +
-        " " + std::to_string(camera.width_px) + " " +
-        std::to_string(camera.height_px);
+    const std::string model(
+        FindCameraModel(static_cast<int32_t>(camera.model))->name);
+    lines += Formatted("%s %s %d %d", sensor.name.c_str(), model.c_str(),
+                       camera.width_px, camera.height_px);
     for (const double param : camera.params) {
       lines += ' ' + FormatDouble(param, std::chars_format::general, 17);
     }
@@ -267,8 +276,8 @@ int RunRender(const SimulateCommandOptions& options, const Context& context) {
   WriteFile(output.StagingDir() / "cameras.txt", CameraLines(simulation.scene));
   WriteTruth(simulation, simulation_options, output.StagingDir(), context);
   output.Commit();
-  context.Info("wrote " + std::to_string(simulation.scene.images.size()) +
-               " images, cameras.txt and truth");
+  context.Info(Formatted("wrote %zu images, cameras.txt and truth",
+                         simulation.scene.images.size()));
   return kExitSuccess;
 }
 
@@ -285,20 +294,6 @@ void WritePositions(const Simulation& simulation,
   transaction.Commit();
 }
 
-std::string_view NameOf(PairKind kind) {
-  switch (kind) {
-    case PairKind::kTrue:
-      return "true";
-    case PairKind::kIsolatedWrong:
-      return "isolated";
-    case PairKind::kDuplicatedStructure:
-      return "duplicate";
-    case PairKind::kMovingObject:
-      return "vehicle";
-  }
-  return "";
-}
-
 std::string PairKindLines(const Simulation& simulation) {
   std::string lines = "name1,name2,kind,num_matches\n";
   const std::vector<Image>& images = simulation.scene.images;
@@ -306,7 +301,7 @@ std::string PairKindLines(const Simulation& simulation) {
     const ImagePair& pair = simulation.view_graph.pairs[i];
     lines +=
         images[pair.image_idx1].name + "," + images[pair.image_idx2].name + ",";
-    lines += NameOf(simulation.pair_kinds[i]);
+    lines += EnumName(simulation.pair_kinds[i]);
     lines += "," + std::to_string(pair.matches.size()) + "\n";
   }
   return lines;
@@ -338,10 +333,9 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   WriteTruth(simulation, simulation_options, output.StagingDir(), context);
   WriteFile(output.StagingDir() / "pairs.csv", PairKindLines(simulation));
   output.Commit();
-  context.Info("wrote database.db (" +
-               std::to_string(simulation.scene.images.size()) + " images, " +
-               std::to_string(simulation.view_graph.pairs.size()) +
-               " pairs) and truth");
+  context.Info(Formatted("wrote database.db (%zu images, %zu pairs) and truth",
+                         simulation.scene.images.size(),
+                         simulation.view_graph.pairs.size()));
   return kExitSuccess;
 }
 

@@ -44,7 +44,8 @@
 //      }
 //      }  // namespace mgsfm
 //
-// 2. Declare FooCommand in commands.h and add it to the table in program.cc.
+// 2. Declare FooCommand in commands.h and add it to the table in program.cc, or
+//    add the command to the list of its file.
 // 3. Add cmd_foo.cc, and the modules it uses, to apps/mgsfm/CMakeLists.txt.
 // 4. List its outputs in command.cc and its basic options in help.cc.
 //
