@@ -266,17 +266,15 @@ std::string Title(const Evaluation& evaluation,
   std::string title = std::to_string(evaluation.num_registered) + " of " +
                       std::to_string(evaluation.num_images) +
                       " images registered";
-  if (evaluation.position_m) {
-    const ErrorStatistics& position = *evaluation.position_m;
+  if (const auto& position = evaluation.position_m) {
     title += "; position " + labels.difference + ": mean " +
-             FormatNumber(position.mean, 4) + ", median " +
-             FormatNumber(position.median, 4) + ", max " +
-             FormatNumber(position.max, 4) + " " + labels.length_unit;
+             FormatNumber(position->mean, 4) + ", median " +
+             FormatNumber(position->median, 4) + ", max " +
+             FormatNumber(position->max, 4) + " " + labels.length_unit;
   }
-  if (evaluation.rotation_deg) {
-    const ErrorStatistics& rotation = *evaluation.rotation_deg;
-    title += "; rotation: mean " + FormatNumber(rotation.mean, 3) + ", max " +
-             FormatNumber(rotation.max, 3) + " deg";
+  if (const auto& rotation = evaluation.rotation_deg) {
+    title += "; rotation: mean " + FormatNumber(rotation->mean, 3) + ", max " +
+             FormatNumber(rotation->max, 3) + " deg";
   }
   return title;
 }
@@ -285,7 +283,11 @@ std::string Title(const Evaluation& evaluation,
 
 std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
                             const Evaluation& evaluation,
-                            const EvaluationLabels& labels) {
+                            const EvaluationLabels& given) {
+  EvaluationLabels labels = given;
+  if (labels.length_unit.empty()) {
+    labels.length_unit = LengthUnitName(evaluation);
+  }
   const std::vector<PathPoint> path = CollectPath(images, evaluation);
   if (path.empty()) {
     SvgDrawing drawing(kWidth, kHeader);

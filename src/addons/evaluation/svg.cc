@@ -17,6 +17,12 @@ std::string Attribute(const char* name, double value) {
   return std::string(" ") + name + "='" + FormatNumber(value, 2) + "'";
 }
 
+std::string RectangleAttributes(const Eigen::Vector2d& corner,
+                                const Eigen::Vector2d& size) {
+  return Attribute("x", corner.x()) + Attribute("y", corner.y()) +
+         Attribute("width", size.x()) + Attribute("height", size.y());
+}
+
 }  // namespace
 
 std::string FormatNumber(double value, int digits) {
@@ -67,9 +73,6 @@ TopView ViewFromAbove(const Eigen::Vector3d& sum_of_upward, size_t num_cameras,
   return {right, normal.cross(right)};
 }
 
-SvgDrawing::SvgDrawing(double width, double height)
-    : width_(width), height_(height) {}
-
 void SvgDrawing::Line(const Eigen::Vector2d& from, const Eigen::Vector2d& to,
                       const std::string& style) {
   body_ += "<line" + Attribute("x1", from.x()) + Attribute("y1", from.y()) +
@@ -104,16 +107,13 @@ void SvgDrawing::Cross(const Eigen::Vector2d& center, double radius,
 
 void SvgDrawing::Frame(const Eigen::Vector2d& corner,
                        const Eigen::Vector2d& size, const std::string& style) {
-  body_ += "<rect fill='none'" + Attribute("x", corner.x()) +
-           Attribute("y", corner.y()) + Attribute("width", size.x()) +
-           Attribute("height", size.y()) + " " + style + "/>\n";
+  body_ += "<rect fill='none'" + RectangleAttributes(corner, size) + " " +
+           style + "/>\n";
 }
 
 void SvgDrawing::Box(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
                      const std::string& style) {
-  body_ += "<rect" + Attribute("x", corner.x()) + Attribute("y", corner.y()) +
-           Attribute("width", size.x()) + Attribute("height", size.y()) + " " +
-           style + "/>\n";
+  body_ += "<rect" + RectangleAttributes(corner, size) + " " + style + "/>\n";
 }
 
 void SvgDrawing::Ellipse(const Eigen::Vector2d& center,
@@ -127,8 +127,7 @@ void SvgDrawing::Ellipse(const Eigen::Vector2d& center,
 
 void SvgDrawing::Pixels(const Eigen::Vector2d& corner,
                         const Eigen::Vector2d& size, const std::string& url) {
-  body_ += "<image" + Attribute("x", corner.x()) + Attribute("y", corner.y()) +
-           Attribute("width", size.x()) + Attribute("height", size.y()) +
+  body_ += "<image" + RectangleAttributes(corner, size) +
            " preserveAspectRatio='none' style='image-rendering:pixelated' "
            "href='" +
            url + "'/>\n";
@@ -143,13 +142,10 @@ void SvgDrawing::Text(const Eigen::Vector2d& at, const std::string& text,
 void SvgDrawing::BeginClip(const Eigen::Vector2d& corner,
                            const Eigen::Vector2d& size) {
   const std::string id = "clip" + std::to_string(++num_clips_);
-  body_ += "<clipPath id='" + id + "'><rect" + Attribute("x", corner.x()) +
-           Attribute("y", corner.y()) + Attribute("width", size.x()) +
-           Attribute("height", size.y()) +
+  body_ += "<clipPath id='" + id + "'><rect" +
+           RectangleAttributes(corner, size) +
            "/></clipPath>\n<g clip-path='url(#" + id + ")'>\n";
 }
-
-void SvgDrawing::EndClip() { body_ += "</g>\n"; }
 
 std::string SvgDrawing::ToString() const {
   const std::string width = FormatNumber(width_, 2);

@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "base/format.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
@@ -79,16 +80,16 @@ std::optional<int> PosedScene::FindSensor(const std::string& folder) const {
 PosedScene ReadPosedScene(const std::string& path,
                           const std::string& image_prefix,
                           const std::string& reference,
-                          const SceneLoadingOptions& naming) {
+                          const std::string& rig_name_rule) {
   PoseModel poses = ReadModelPoses(path);
-  if (*naming.rig_name_rule == "auto") CheckModelTables(poses, path);
+  SceneLoadingOptions naming;
+  naming.rig_name_rule = rig_name_rule;
+  if (rig_name_rule == "auto") CheckModelTables(poses, path);
   KeepPrefix(path, image_prefix, &poses);
   PosedScene model;
   model.scene = LoadScene(ToContents(poses, path), naming, Context()).scene;
   // Scene and model are both sorted by name.
-  for (const ModelImage& image : poses.images) {
-    model.cam_from_world.push_back(image.cam_from_world);
-  }
+  model.cam_from_world = Transformed(poses.images, &ModelImage::cam_from_world);
   for (const Image& image : model.scene.images) {
     model.sensor_of_folder.emplace(FolderOfName(image.name), image.sensor_idx);
   }
@@ -147,11 +148,7 @@ class TrajectoryPairing {
 
   std::vector<ImagePoses> TakeInOrder() {
     StableSortBy(&images_, &PlacedImage::first);
-    std::vector<ImagePoses> ordered;
-    for (PlacedImage& image : images_) {
-      ordered.push_back(std::move(image.second));
-    }
-    return ordered;
+    return Transformed(images_, &PlacedImage::second);
   }
 
  private:
@@ -222,9 +219,10 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
                         *number == std::floor(*number);
   }
   if (!are_line_numbers && frames.size() != num_poses) {
-    throw Error("'" + path + "' has " + std::to_string(num_poses) +
-                " poses for the " + std::to_string(frames.size()) +
-                " frames of the model, whose names are not line numbers");
+    throw Error(
+        Formatted("'%s' has %zu poses for the %zu frames of the model, whose "
+                  "names are not line numbers",
+                  path.c_str(), num_poses, frames.size()));
   }
   TrueTrajectory trajectory{std::move(ref_from_world), {}};
   for (size_t i = 0; i < frames.size(); ++i) {
@@ -315,8 +313,7 @@ std::vector<std::string> FrameNames(const PosedScene& model,
         frame_of_name.emplace(StemOfName(image.name), image.frame_idx);
     if (is_new || other->second == image.frame_idx) continue;
     throw Error("image '" + image.name +
-                "' is called like one of another "
-                "frame, '" +
+                "' is called like one of another frame, '" +
                 model.scene.frames[other->second].name +
                 "'; choose the sequence of the true poses with --image_prefix");
   }

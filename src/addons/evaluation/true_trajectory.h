@@ -35,7 +35,7 @@ struct PosedScene {
 PosedScene ReadPosedScene(const std::string& path,
                           const std::string& image_prefix,
                           const std::string& reference,
-                          const SceneLoadingOptions& naming);
+                          const std::string& rig_name_rule);
 
 // True poses of the reference sensor, and which of them belongs to each frame;
 // frames are known by the names of their images without folder and extension.

@@ -8,6 +8,7 @@
 #include <set>
 #include <utility>
 
+#include "base/format.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
@@ -21,6 +22,7 @@
 #include "mgsfm/models/trajectory_io.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -126,27 +128,13 @@ std::vector<Rigid3> ReadCameras(const std::string& calib_path) {
   if (extension != ".yaml" && extension != ".yml") {
     return ReadKittiCalibration(paths.front());
   }
-  std::vector<Rigid3> cameras;
-  for (const std::string& path : paths) {
-    cameras.push_back(ReadEurocCalibration(path));
-  }
-  return cameras;
+  return Transformed(paths, ReadEurocCalibration);
 }
 
 // The number at the end of a name, such as 2 of image_2.
 std::optional<double> CameraNumber(const std::string& sensor_name) {
   const size_t digits = sensor_name.find_last_not_of("0123456789") + 1;
   return ParseNumber(sensor_name.substr(digits));
-}
-
-[[noreturn]] void ThrowUnpaired(const std::string& calib_path,
-                                size_t num_calibrations, size_t num_cameras,
-                                const std::string& name) {
-  throw Error("'" + calib_path + "' has " + std::to_string(num_calibrations) +
-              " cameras for the " + std::to_string(num_cameras) +
-              " of the model, and the name of '" + name +
-              "' does not tell which is its; give one calibration per "
-              "camera, or a rig_config.json");
 }
 
 // Cameras without a number go by their order, so there must be as many.
@@ -157,7 +145,11 @@ void CheckIsPaired(const std::map<std::string, int>& sensors,
     const bool is_numbered =
         number && *number < static_cast<double>(num_cameras);
     if (is_numbered || sensors.size() == num_cameras) continue;
-    ThrowUnpaired(calib_path, num_cameras, sensors.size(), name);
+    throw Error(Formatted(
+        "'%s' has %zu cameras for the %zu of the model, and the name of '%s' "
+        "does not tell which is its; give one calibration per camera, or a "
+        "rig_config.json",
+        calib_path.c_str(), num_cameras, sensors.size(), name.c_str()));
   }
 }
 
@@ -312,22 +304,16 @@ TrueSensors FindTrueSensors(const PosedScene& model, const PosedScene& truth,
 
 TruthComparison CompareWithModel(const TruthSource& source,
                                  const PosedScene& model) {
-  SceneLoadingOptions naming;
-  naming.rig_name_rule = source.rig_name_rule;
-  const PosedScene truth =
-      ReadPosedScene(source.gt_path, source.image_prefix, "", naming);
-  std::map<std::string, size_t> image_of_name;
-  for (size_t i = 0; i < model.scene.images.size(); ++i) {
-    image_of_name[model.scene.images[i].name] = i;
-  }
+  const PosedScene truth = ReadPosedScene(source.gt_path, source.image_prefix,
+                                          "", source.rig_name_rule);
+  const auto image_of_name = IndexByName(model.scene.images);
   // Whether a ground-truth sensor is a reference of the model; --reference may
   // select another one.
   std::vector<std::optional<bool>> is_reference(truth.scene.sensors.size());
   for (const Image& image : truth.scene.images) {
     const auto found = image_of_name.find(image.name);
     if (found == image_of_name.end()) continue;
-    is_reference[image.sensor_idx] =
-        model.IsReference(static_cast<int>(found->second));
+    is_reference[image.sensor_idx] = model.IsReference(found->second);
   }
   TruthComparison comparison;
   std::vector<int> true_image_of_image(model.scene.images.size(), -1);
@@ -339,9 +325,8 @@ TruthComparison CompareWithModel(const TruthSource& source,
         std::nullopt, truth.cam_from_world[true_idx]};
     const auto found = image_of_name.find(image.name);
     if (found != image_of_name.end()) {
-      const size_t image_idx = found->second;
-      true_image_of_image[image_idx] = true_idx;
-      poses.cam_from_model = model.cam_from_world[image_idx];
+      true_image_of_image[found->second] = true_idx;
+      poses.cam_from_model = model.cam_from_world[found->second];
     }
     comparison.images.push_back(std::move(poses));
   };
@@ -408,16 +393,11 @@ TruthComparison CompareWithTrajectory(const TruthSource& source,
 }
 
 bool IsMetric(const TruthSource& source) {
-  switch (source.gt_format) {
-    case TruthFormat::kColmap:
-      return ReadGeoOrigin(source.gt_path).has_value();
-    case TruthFormat::kKitti:
-    case TruthFormat::kTum:
-      return true;
-    case TruthFormat::kRig:
-      return std::filesystem::path(source.calib_path).extension() != ".json";
+  if (source.gt_format == TruthFormat::kColmap) {
+    return ReadGeoOrigin(source.gt_path).has_value();
   }
-  return false;
+  return source.gt_format != TruthFormat::kRig ||
+         std::filesystem::path(source.calib_path).extension() != ".json";
 }
 
 std::vector<std::string> UnpairedImages(const PosedScene& model,
@@ -444,10 +424,9 @@ TruthComparison Compare(const TruthSource& source, const PosedScene& model) {
 }  // namespace
 
 TruthComparison CompareWithTruth(const TruthSource& source) {
-  SceneLoadingOptions naming;
-  naming.rig_name_rule = source.rig_name_rule;
-  const PosedScene model = ReadPosedScene(
-      source.model_path, source.image_prefix, source.reference, naming);
+  const PosedScene model =
+      ReadPosedScene(source.model_path, source.image_prefix, source.reference,
+                     source.rig_name_rule);
   TruthComparison comparison = Compare(source, model);
   comparison.is_metric = IsMetric(source);
   comparison.unpaired_images = UnpairedImages(model, comparison);
@@ -459,19 +438,20 @@ void WarnOfFewPoses(const TruthComparison& comparison,
                     const Context& context) {
   const std::vector<std::string>& names = comparison.unpaired_images;
   if (!names.empty()) {
-    context.Warning(std::to_string(names.size()) +
-                    " images of the model have no true pose and are not "
-                    "compared, such as '" +
-                    names.front() + "'");
+    context.Warning(
+        Formatted("%zu images of the model have no true pose and are not "
+                  "compared, such as '%s'",
+                  names.size(), names.front().c_str()));
   }
   // A similarity moves two positions to any others, a rigid transform one.
   const int max_free = alignment == Alignment::kSimilarity ? 2
                        : alignment == Alignment::kRigid    ? 1
                                                            : 0;
   if (!evaluation.position_m || evaluation.num_registered > max_free) return;
-  context.Warning("the errors of positions are 0 for any model, as only " +
-                  std::to_string(evaluation.num_registered) +
-                  " of its images have true poses; compare more images");
+  context.Warning(Formatted(
+      "the errors of positions are 0 for any model, as only %d of its "
+      "images have true poses; compare more images",
+      evaluation.num_registered));
 }
 
 }  // namespace mgsfm

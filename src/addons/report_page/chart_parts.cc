@@ -2,6 +2,7 @@
 #include "report_page/chart_parts.h"
 
 #include <algorithm>
+#include <functional>
 #include <iterator>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -23,13 +24,6 @@ const Vector2d kDirections[] = {{0.0, 1.0},  {0.0, -1.0}, {1.0, 0.0},
                                 {-1.0, 0.0}, {1.0, 1.0},  {-1.0, 1.0},
                                 {1.0, -1.0}, {-1.0, -1.0}};
 
-// Bytes that continue a character of UTF-8 take no space.
-size_t CountCharacters(const std::string& text) {
-  return static_cast<size_t>(std::count_if(
-      text.begin(), text.end(),
-      [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
-}
-
 AlignedBox2d BoxAround(const Vector2d& middle, const Vector2d& size) {
   return {middle - 0.5 * size, middle + 0.5 * size};
 }
@@ -42,8 +36,9 @@ double AreaOfIntersection(const AlignedBox2d& a, const AlignedBox2d& b) {
 }  // namespace
 
 Vector2d LabelPlacement::SizeOf(const std::string& text) {
-  return {kCharWidthPx * static_cast<double>(CountCharacters(text)),
-          kLineHeightPx};
+  const auto num_characters = static_cast<double>(
+      std::count_if(text.begin(), text.end(), std::not_fn(IsContinuation)));
+  return {kCharWidthPx * num_characters, kLineHeightPx};
 }
 
 double LabelPlacement::Overlap(const AlignedBox2d& box) const {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/format.h"
 #include "base/ranges.h"
 #include "report_page/chart_parts.h"
 #include "report_page/encoding.h"
@@ -28,14 +29,8 @@ std::string FillStyle(const std::string& color) {
 }
 
 std::string RgbHex(const Vector3d& color) {
-  static constexpr char kDigits[] = "0123456789abcdef";
-  std::string hex = "#";
-  for (int c = 0; c < 3; ++c) {
-    const int value = static_cast<int>(std::lround(color[c]));
-    hex += kDigits[value >> 4];
-    hex += kDigits[value & 15];
-  }
-  return hex;
+  return Formatted("#%02lx%02lx%02lx", std::lround(color[0]),
+                   std::lround(color[1]), std::lround(color[2]));
 }
 
 // Panels of equal size in rows of three.

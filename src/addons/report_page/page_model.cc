@@ -5,6 +5,7 @@
 #include <iterator>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/version.h"
 
@@ -51,9 +52,8 @@ void CountImages(const Scene& scene, const Projector& projector,
     ++statistics->num_registered_images;
   }
   statistics->num_registered_frames =
-      std::count_if(reconstruction.rig_from_world.begin(),
-                    reconstruction.rig_from_world.end(),
-                    [](const auto& pose) { return pose.has_value(); });
+      CountIf(reconstruction.rig_from_world,
+              [](const auto& pose) { return pose.has_value(); });
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <functional>
 #include <tuple>
 
+#include "base/ranges.h"
 #include "evaluation/evaluation_plot.h"
 #include "evaluation/svg.h"
 #include "geometry/so3.h"
@@ -37,9 +38,9 @@ std::string FocalLengthCell(const PageModel& model, const Camera& camera) {
 // The share of the image plane where points are seen, by the cells of the map
 // of errors.
 std::string CoverageCell(const SensorStatistics& sensor) {
-  const auto num_seen = std::count_if(
-      sensor.cells.begin(), sensor.cells.end(),
-      [](const ImageCell& cell) { return cell.num_residuals > 0; });
+  const auto num_seen = CountIf(sensor.cells, [](const ImageCell& cell) {
+    return cell.num_residuals > 0;
+  });
   return Number(100.0 * static_cast<double>(num_seen) /
                     static_cast<double>(sensor.cells.size()),
                 0, "%");
@@ -219,9 +220,7 @@ std::string TruthContent(const PageModel& model) {
   if (!model.input.truth) return "";
   const PoseComparison& truth = *model.input.truth;
   const Evaluation& evaluation = truth.evaluation;
-  EvaluationLabels labels;
-  labels.length_unit = LengthUnitName(evaluation);
-  const std::string& unit = labels.length_unit;
+  const std::string unit = LengthUnitName(evaluation);
   std::vector<Row> rows;
   for (const SensorErrors& sensor : evaluation.sensors) {
     rows.push_back({Text(sensor.name), Number(sensor.rotation_deg, 4),
@@ -236,7 +235,7 @@ std::string TruthContent(const PageModel& model) {
                 "direction error [deg]", "distance [" + unit + "]",
                 "true distance [" + unit + "]"},
                rows) +
-         ThemedChart(EvaluationToSvg(truth.images, evaluation, labels),
+         ThemedChart(EvaluationToSvg(truth.images, evaluation),
                      "path and errors against the truth");
 }
 
