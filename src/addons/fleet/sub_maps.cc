@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <iterator>
 #include <map>
-#include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
@@ -138,8 +137,7 @@ int MergePointsOfMatches(const std::vector<CrossPair>& pairs,
                          SceneModel* model) {
   std::vector<Point3D>& points = model->reconstruction.points;
   UnionFind sets(points.size());
-  std::vector<int> owner(points.size());  // of the track of a set
-  std::iota(owner.begin(), owner.end(), 0);
+  std::vector<int> owner = Indices(points.size());  // of the track of a set
   int num_merged = 0;
   for (const auto& [i, k] : FindEqualPoints(*model, pairs)) {
     const int a = owner[sets.Find(i)];
