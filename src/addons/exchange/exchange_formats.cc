@@ -37,10 +37,9 @@ constexpr ExchangeFormat kFormats[] = {
 
 }  // namespace
 
-const ExchangeFormat* FindExchangeFormat(std::string_view name) {
-  const std::string lower = ToLower(std::string(name));
+const ExchangeFormat* FindExchangeFormat(const std::string& name) {
   for (const ExchangeFormat& format : kFormats) {
-    if (format.name == lower) return &format;
+    if (format.name == ToLower(name)) return &format;
   }
   return nullptr;
 }

@@ -24,8 +24,9 @@ std::vector<int> RegisteredFrames(const ExportInput& input);
 
 // The index of the rig with registered frames. Throws Error, naming the format,
 // if there are several.
-int OnlyRig(const ExportInput& input, const std::string& format,
-            const std::string& remedy);
+int OnlyRig(
+    const ExportInput& input, const std::string& format,
+    const std::string& remedy = "delete the images of the others first");
 
 // The sensors of a rig that have a pose, the reference first.
 std::vector<int> PosedSensors(const ExportInput& input, int rig_idx);

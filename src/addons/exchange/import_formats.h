@@ -29,7 +29,7 @@ struct ImportFormat {
 };
 
 // Upper and lower case are the same. nullptr for an unknown name.
-const ImportFormat* FindImportFormat(std::string_view name);
+const ImportFormat* FindImportFormat(const std::string& name);
 std::vector<std::string> ImportFormatNames();
 
 // Goes by the extension of the file; nullptr if no format has it.

@@ -268,10 +268,9 @@ constexpr ImportFormat kFormats[] = {
 
 }  // namespace
 
-const ImportFormat* FindImportFormat(std::string_view name) {
-  const std::string lower = ToLower(std::string(name));
+const ImportFormat* FindImportFormat(const std::string& name) {
   for (const ImportFormat& format : kFormats) {
-    if (format.name == lower) return &format;
+    if (format.name == ToLower(name)) return &format;
   }
   return nullptr;
 }
