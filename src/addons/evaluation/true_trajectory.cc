@@ -64,10 +64,6 @@ void ChangeReference(int sensor_idx, Scene* scene) {
 
 }  // namespace
 
-bool PosedScene::IsReference(int image_idx) const {
-  return scene.IsReference(scene.images[image_idx].sensor_idx);
-}
-
 std::optional<int> PosedScene::FindSensor(const std::string& folder) const {
   const auto found = sensor_of_folder.find(folder);
   if (found != sensor_of_folder.end()) return found->second;
@@ -108,95 +104,37 @@ namespace {
 // An image and the pose of the trajectory that it belongs to.
 using PlacedImage = std::pair<size_t, ImagePoses>;
 
-class TrajectoryPairing {
- public:
-  TrajectoryPairing(const PosedScene& model, const TrueTrajectory& trajectory,
-                    const std::vector<std::optional<Rigid3>>& sensor_from_ref)
-      : model_(model),
-        trajectory_(trajectory),
-        sensor_from_ref_(sensor_from_ref) {}
+// The rig with the most images.
+const Rig& LargestRig(const Scene& scene) {
+  std::vector<int> num_images(scene.rigs.size(), 0);
+  for (const Image& image : scene.images) {
+    ++num_images[scene.sensors[image.sensor_idx].rig_idx];
+  }
+  const auto most = std::max_element(num_images.begin(), num_images.end());
+  return scene.rigs[most - num_images.begin()];
+}
 
-  void AddModel() {
-    for (size_t i = 0; i < model_.scene.images.size(); ++i) {
-      const Image& image = model_.scene.images[i];
-      Add(image.name, image.sensor_idx, model_.cam_from_world[i]);
+// The poses of the trajectory at the median step of the images between them.
+std::vector<size_t> PosesInGaps(const std::vector<PlacedImage>& images) {
+  std::vector<size_t> poses = Transformed(images, &PlacedImage::first);
+  SortUnique(&poses);
+  std::vector<size_t> steps;
+  for (size_t i = 1; i < poses.size(); ++i) {
+    steps.push_back(poses[i] - poses[i - 1]);
+  }
+  if (steps.empty()) return {};
+  std::vector<size_t> sorted = steps;
+  std::sort(sorted.begin(), sorted.end());
+  const auto median = static_cast<double>(sorted[sorted.size() / 2]);
+  std::vector<size_t> in_gaps;
+  for (size_t i = 0; i < steps.size(); ++i) {
+    const auto num_steps = static_cast<size_t>(std::lround(steps[i] / median));
+    for (size_t k = 1; k < num_steps; ++k) {
+      in_gaps.push_back(poses[i] + k * steps[i] / num_steps);
     }
   }
-
-  void AddMissingImages(const std::vector<std::string>& names) {
-    for (const std::string& name : names) {
-      const auto sensor_idx = model_.FindSensor(FolderOfName(name));
-      if (sensor_idx) Add(name, *sensor_idx, std::nullopt);
-    }
-  }
-
-  // Adds frames of the rig with the most images.
-  void AddMissingFrames() {
-    if (images_.empty()) return;
-    std::vector<int> num_images(model_.scene.rigs.size(), 0);
-    for (const Image& image : model_.scene.images) {
-      ++num_images[model_.scene.sensors[image.sensor_idx].rig_idx];
-    }
-    const auto most = std::max_element(num_images.begin(), num_images.end());
-    const Rig& rig = model_.scene.rigs[most - num_images.begin()];
-    for (const size_t pose : PosesInGaps()) {
-      for (const int sensor_idx : rig.sensor_idxs) {
-        AddAt(pose, "", sensor_idx, std::nullopt);
-      }
-    }
-  }
-
-  std::vector<ImagePoses> TakeInOrder() {
-    StableSortBy(&images_, &PlacedImage::first);
-    return Transformed(images_, &PlacedImage::second);
-  }
-
- private:
-  void Add(const std::string& name, int sensor_idx,
-           const std::optional<Rigid3>& cam_from_model) {
-    const auto pose = trajectory_.pose_of_frame.find(StemOfName(name));
-    if (pose == trajectory_.pose_of_frame.end()) return;
-    AddAt(pose->second, name, sensor_idx, cam_from_model);
-  }
-
-  void AddAt(size_t pose, const std::string& name, int sensor_idx,
-             const std::optional<Rigid3>& cam_from_model) {
-    const std::optional<Rigid3>& sensor_from_ref = sensor_from_ref_[sensor_idx];
-    if (!sensor_from_ref) return;
-    images_.push_back(
-        {pose,
-         {name, model_.scene.IsReference(sensor_idx), cam_from_model,
-          *sensor_from_ref * trajectory_.ref_from_world[pose]}});
-  }
-
-  std::vector<size_t> PosesInGaps() const {
-    std::set<size_t> used;
-    for (const PlacedImage& image : images_) used.insert(image.first);
-    const std::vector<size_t> poses(used.begin(), used.end());
-    std::vector<size_t> steps;
-    for (size_t i = 1; i < poses.size(); ++i) {
-      steps.push_back(poses[i] - poses[i - 1]);
-    }
-    if (steps.empty()) return {};
-    std::vector<size_t> sorted = steps;
-    std::sort(sorted.begin(), sorted.end());
-    const auto median = static_cast<double>(sorted[sorted.size() / 2]);
-    std::vector<size_t> in_gaps;
-    for (size_t i = 0; i < steps.size(); ++i) {
-      const auto num_steps =
-          static_cast<size_t>(std::lround(steps[i] / median));
-      for (size_t k = 1; k < num_steps; ++k) {
-        in_gaps.push_back(poses[i] + k * steps[i] / num_steps);
-      }
-    }
-    return in_gaps;
-  }
-
-  const PosedScene& model_;
-  const TrueTrajectory& trajectory_;
-  const std::vector<std::optional<Rigid3>>& sensor_from_ref_;
-  std::vector<PlacedImage> images_;
-};
+  return in_gaps;
+}
 
 }  // namespace
 
@@ -331,14 +269,40 @@ std::vector<ImagePoses> PairWithTrajectory(
     const PosedScene& model, const TrueTrajectory& trajectory,
     const std::vector<std::optional<Rigid3>>& sensor_from_ref,
     const ImageNames& other_images) {
-  TrajectoryPairing pairing(model, trajectory, sensor_from_ref);
-  pairing.AddModel();
-  if (other_images) {
-    pairing.AddMissingImages(*other_images);
-  } else {
-    pairing.AddMissingFrames();
+  std::vector<PlacedImage> images;
+  const auto add_at = [&](size_t pose, const std::string& name, int sensor_idx,
+                          const std::optional<Rigid3>& cam_from_model) {
+    if (!sensor_from_ref[sensor_idx]) return;
+    images.push_back(
+        {pose,
+         {name, model.scene.IsReference(sensor_idx), cam_from_model,
+          *sensor_from_ref[sensor_idx] * trajectory.ref_from_world[pose]}});
+  };
+  const auto add = [&](const std::string& name, int sensor_idx,
+                       const std::optional<Rigid3>& cam_from_model) {
+    const auto pose = trajectory.pose_of_frame.find(StemOfName(name));
+    if (pose == trajectory.pose_of_frame.end()) return;
+    add_at(pose->second, name, sensor_idx, cam_from_model);
+  };
+  for (size_t i = 0; i < model.scene.images.size(); ++i) {
+    const Image& image = model.scene.images[i];
+    add(image.name, image.sensor_idx, model.cam_from_world[i]);
   }
-  return pairing.TakeInOrder();
+  if (other_images) {
+    for (const std::string& name : *other_images) {
+      const auto sensor_idx = model.FindSensor(FolderOfName(name));
+      if (sensor_idx) add(name, *sensor_idx, std::nullopt);
+    }
+  } else if (!images.empty()) {
+    const Rig& rig = LargestRig(model.scene);
+    for (const size_t pose : PosesInGaps(images)) {
+      for (const int sensor_idx : rig.sensor_idxs) {
+        add_at(pose, "", sensor_idx, std::nullopt);
+      }
+    }
+  }
+  StableSortBy(&images, &PlacedImage::first);
+  return Transformed(images, &PlacedImage::second);
 }
 
 }  // namespace mgsfm

@@ -24,7 +24,9 @@ struct PosedScene {
   std::vector<Rigid3> cam_from_world;  // of scene.images
   std::map<std::string, int> sensor_of_folder;
 
-  bool IsReference(int image_idx) const;
+  bool IsReference(int image_idx) const {
+    return scene.IsReference(scene.images[image_idx].sensor_idx);
+  }
   // The sensor with images in this folder, or with its name.
   std::optional<int> FindSensor(const std::string& folder) const;
 };

@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <map>
 #include <set>
-#include <utility>
 
 #include "base/format.h"
 #include "base/ranges.h"
@@ -18,7 +17,6 @@
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/database.h"
-#include "mgsfm/models/scene_loading.h"
 #include "mgsfm/models/trajectory_io.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
@@ -137,36 +135,28 @@ std::optional<double> CameraNumber(const std::string& sensor_name) {
   return ParseNumber(sensor_name.substr(digits));
 }
 
-// Cameras without a number go by their order, so there must be as many.
-void CheckIsPaired(const std::map<std::string, int>& sensors,
-                   size_t num_cameras, const std::string& calib_path) {
+// The cameras of sensors by name: image_2 and image_3 are the third and fourth
+// of KITTI's matrices, others go by their order, so there must be as many.
+std::vector<Rigid3> PairCameras(const std::map<std::string, int>& sensors,
+                                const std::vector<Rigid3>& cameras,
+                                const std::string& calib_path) {
+  std::vector<Rigid3> paired;
   for (const auto& [name, sensor_idx] : sensors) {
     const auto number = CameraNumber(name);
     const bool is_numbered =
-        number && *number < static_cast<double>(num_cameras);
-    if (is_numbered || sensors.size() == num_cameras) continue;
-    throw Error(Formatted(
-        "'%s' has %zu cameras for the %zu of the model, and the name of '%s' "
-        "does not tell which is its; give one calibration per camera, or a "
-        "rig_config.json",
-        calib_path.c_str(), num_cameras, sensors.size(), name.c_str()));
+        number && *number < static_cast<double>(cameras.size());
+    if (!is_numbered && sensors.size() != cameras.size()) {
+      throw Error(Formatted(
+          "'%s' has %zu cameras for the %zu of the model, and the name of '%s' "
+          "does not tell which is its; give one calibration per camera, or a "
+          "rig_config.json",
+          calib_path.c_str(), cameras.size(), sensors.size(), name.c_str()));
+    }
+    const size_t order = paired.size();
+    paired.push_back(
+        cameras[is_numbered ? static_cast<size_t>(*number) : order]);
   }
-}
-
-// The camera of a sensor: image_2 and image_3 are the third and fourth of
-// KITTI's matrices, others go by their order.
-const Rigid3& CameraOf(const std::string& sensor_name, size_t order,
-                       const std::vector<Rigid3>& cameras,
-                       const std::string& calib_path) {
-  const auto number = CameraNumber(sensor_name);
-  const size_t k = number && *number < static_cast<double>(cameras.size())
-                       ? static_cast<size_t>(*number)
-                       : order;
-  if (k >= cameras.size()) {
-    throw Error("'" + calib_path + "' has no camera for the images of '" +
-                sensor_name + "'");
-  }
-  return cameras[k];
+  return paired;
 }
 
 // The cameras of a rig configuration that images of the sensor have.
@@ -250,10 +240,10 @@ TrueSensors ReadTrueSensors(const std::string& calib_path,
     for (const int sensor_idx : model.scene.rigs[rig_idx].sensor_idxs) {
       by_name[model.scene.sensors[sensor_idx].name] = sensor_idx;
     }
-    CheckIsPaired(by_name, cameras.size(), calib_path);
+    const auto paired = PairCameras(by_name, cameras, calib_path);
     size_t order = 0;
     for (const auto& [name, sensor_idx] : by_name) {
-      sensors[sensor_idx] = CameraOf(name, order++, cameras, calib_path);
+      sensors[sensor_idx] = paired[order++];
     }
     const Rigid3 any_from_ref =
         sensors[model.scene.rigs[rig_idx].ref_sensor_idx]->Inverse();
