@@ -17,7 +17,6 @@
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/model_scene.h"
-#include "mgsfm/rigs/rig_config.h"
 #include "model_file.h"
 #include "scene/observations.h"
 

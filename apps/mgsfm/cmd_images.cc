@@ -3,11 +3,7 @@
 
 #include <algorithm>
 #include <charconv>
-#include <filesystem>
-#include <optional>
-#include <string>
 #include <system_error>
-#include <vector>
 
 #include "base/file_reading.h"
 #include "base/format.h"
@@ -21,7 +17,6 @@
 #include "mapper_run.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"
-#include "mgsfm/features/feature_extraction.h"
 #include "mgsfm/features/feature_import.h"
 #include "models/rows_to_scene.h"
 #include "rigs/image_times.h"

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <filesystem>
 #include <optional>
-#include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -19,9 +18,7 @@
 #include "matching/pair_matching.h"
 #include "matching/pair_selection.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/database/feature_database.h"
 #include "mgsfm/matching/matching.h"
-#include "mgsfm/models/scene_loading.h"
 #include "models/rows_to_scene.h"
 
 namespace mgsfm {

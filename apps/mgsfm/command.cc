@@ -6,12 +6,10 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
-#include <optional>
 #include <set>
 #include <system_error>
 #include <tuple>
 #include <utility>
-#include <vector>
 
 #include "base/parallel.h"
 #include "base/ranges.h"
@@ -21,7 +19,6 @@
 #include "files/file_operations.h"
 #include "files/image_reading.h"
 #include "files/model_files.h"
-#include "help.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -139,11 +136,6 @@ std::vector<Target> TargetsOf(const std::string& command,
   return targets;
 }
 
-struct NamedPath {
-  std::string option;
-  std::string path;
-};
-
 // The files behind an input path. A folder represents the files of its model;
 // outputs never replace images or pipes.
 std::vector<fs::path> FilesOf(const fs::path& path) {
@@ -165,15 +157,16 @@ bool IsPathOption(const std::string& name) {
          name.compare(size - kEnd.size(), kEnd.size(), kEnd) == 0;
 }
 
-// Some options take a list of paths, separated by commas.
-std::vector<NamedPath> ReadInputs(const std::vector<Target>& targets,
-                                  const OptionList& options,
-                                  const std::string& config_path) {
-  std::vector<NamedPath> inputs;
+// The options of inputs and their paths. Some options take a list of paths,
+// separated by commas.
+std::vector<std::pair<std::string, std::string>> ReadInputs(
+    const std::vector<Target>& targets, const OptionList& options,
+    const std::string& config_path) {
+  std::vector<std::pair<std::string, std::string>> inputs;
   const auto add = [&](const std::string& option, const std::string& value) {
-    if (!value.empty()) inputs.push_back({option, value});
+    if (!value.empty()) inputs.emplace_back(option, value);
     for (const std::string& item : SplitList(value)) {
-      if (item != value) inputs.push_back({option, item});
+      if (item != value) inputs.emplace_back(option, item);
     }
   };
   for (const OptionEntry& entry : options) {
@@ -243,15 +236,14 @@ void CheckOutputsAreNoInputs(const std::string& command,
     const bool is_file = target.is_new_file || command == "model_converter";
     if (is_file) CheckIsNotKept(target);
   }
-  const std::vector<NamedPath> inputs =
-      ReadInputs(targets, options, config_path);
+  const auto inputs = ReadInputs(targets, options, config_path);
   for (const Target& target : targets) {
     const Output& output = *target.output;
-    for (const NamedPath& input : inputs) {
-      if (input.option == output.in_place) continue;
-      for (const fs::path& file : FilesOf(input.path)) {
+    for (const auto& [option, path] : inputs) {
+      if (option == output.in_place) continue;
+      for (const fs::path& file : FilesOf(path)) {
         if (!Replaces(output, target.path, file)) continue;
-        throw Error("'" + file.string() + "' is an input (--" + input.option +
+        throw Error("'" + file.string() + "' is an input (--" + option +
                     ") that --" + output.option +
                     " would replace; choose another " + output.option);
       }

@@ -16,7 +16,6 @@
 #include <exception>
 #include <map>
 #include <mutex>
-#include <optional>
 #include <thread>
 #include <utility>
 
@@ -176,19 +175,15 @@ int PortOf(int fd) {
 }
 
 // An answer of libmicrohttpd, which counts those who use it.
-struct ResponseDeleter {
-  void operator()(MHD_Response* response) const {
-    MHD_destroy_response(response);
-  }
-};
-using Response = std::unique_ptr<MHD_Response, ResponseDeleter>;
+using Response = std::shared_ptr<MHD_Response>;
 
 Response MakeResponse(const std::string& content_type,
                       const std::string& content) {
   // The library copies the content, although it takes a pointer to non-const.
-  Response response(MHD_create_response_from_buffer(
-      content.size(), const_cast<char*>(content.data()),
-      MHD_RESPMEM_MUST_COPY));
+  const Response response(MHD_create_response_from_buffer(
+                              content.size(), const_cast<char*>(content.data()),
+                              MHD_RESPMEM_MUST_COPY),
+                          MHD_destroy_response);
   if (!response) throw std::bad_alloc();
   const std::pair<const char*, const char*> headers[] = {
       {"Content-Type", content_type.c_str()},

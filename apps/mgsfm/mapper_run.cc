@@ -4,14 +4,10 @@
 #include <algorithm>
 #include <ctime>
 #include <exception>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <string>
 #include <system_error>
-#include <utility>
-#include <vector>
 
 #include "base/format.h"
 #include "base/nanoseconds.h"
@@ -29,7 +25,6 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
-#include "mgsfm/mapper/report.h"
 #include "mgsfm/report_page/report_page.h"
 #include "mgsfm/rigs/rig_config.h"
 #include "models/model_placement.h"

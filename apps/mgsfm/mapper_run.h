@@ -8,7 +8,6 @@
 
 #include "baselines/mapper_baselines.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/options.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/mapper/report.h"
 #include "mgsfm/models/model_io.h"

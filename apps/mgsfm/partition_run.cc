@@ -5,7 +5,6 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <string>
 #include <utility>
 
 #include "base/file_reading.h"

@@ -16,13 +16,11 @@
 #include <exiv2/version.hpp>
 #include <filesystem>
 #include <iostream>
-#include <iterator>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/core/version.hpp>
 #include <system_error>
-#include <utility>
 
 #include "base/text.h"
 #include "commands.h"

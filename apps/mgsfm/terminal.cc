@@ -14,7 +14,6 @@
 #include <ctime>
 #include <map>
 #include <memory>
-#include <string>
 #include <utility>
 
 #include "base/format.h"

@@ -97,14 +97,6 @@ Eigen::Vector3d SequentialColor(double value) {
   return color;
 }
 
-std::string FormatCount(size_t count) {
-  std::string digits = std::to_string(count);
-  for (auto i = static_cast<int>(digits.size()) - 3; i > 0; i -= 3) {
-    digits.insert(static_cast<size_t>(i), ",");
-  }
-  return digits;
-}
-
 std::string PngUrl(int width_px, int height_px,
                    const std::vector<uint8_t>& rgba) {
   cv::Mat image(height_px, width_px, CV_8UC4);
@@ -116,22 +108,6 @@ std::string PngUrl(int width_px, int height_px,
   }
   return "data:image/png;base64," +
          ToBase64(EncodeImage(".png", image, {cv::IMWRITE_PNG_COMPRESSION, 9}));
-}
-
-void DrawHorizontalAxis(const Eigen::Vector2d& corner, double width,
-                        double height, double max, int num_ticks,
-                        const std::string& label, SvgDrawing* drawing) {
-  const Ticks ticks = MakeTicks(0.0, max, num_ticks);
-  const double bottom = corner.y() + height;
-  for (const double value : ticks.values) {
-    const double x = corner.x() + width * value / max;
-    drawing->Line({x, corner.y()}, {x, bottom}, kGridStyle);
-    drawing->Text({x, bottom + 15.0}, FormatNumber(value, ticks.digits),
-                  kCenterStyle);
-  }
-  drawing->Line({corner.x(), bottom}, {corner.x() + width, bottom},
-                kFrameStyle);
-  drawing->Text({corner.x() + 0.5 * width, bottom + 31.0}, label, kCenterStyle);
 }
 
 }  // namespace mgsfm

@@ -60,6 +60,23 @@ std::string BinColor(const Bin& bin) {
   return bin.num_registered == 0 ? "#d1495b" : "#e6a532";
 }
 
+// Axis labels below a plot that shows [0, max] over `width` px.
+void DrawHorizontalAxis(const Eigen::Vector2d& corner, double width,
+                        double height, double max, int num_ticks,
+                        const std::string& label, SvgDrawing* drawing) {
+  const Ticks ticks = MakeTicks(0.0, max, num_ticks);
+  const double bottom = corner.y() + height;
+  for (const double value : ticks.values) {
+    const double x = corner.x() + width * value / max;
+    drawing->Line({x, corner.y()}, {x, bottom}, kGridStyle);
+    drawing->Text({x, bottom + 15.0}, FormatNumber(value, ticks.digits),
+                  kCenterStyle);
+  }
+  drawing->Line({corner.x(), bottom}, {corner.x() + width, bottom},
+                kFrameStyle);
+  drawing->Text({corner.x() + 0.5 * width, bottom + 31.0}, label, kCenterStyle);
+}
+
 }  // namespace
 
 std::vector<int> ChartSensors(const PageModel& model) {
@@ -255,8 +272,8 @@ std::string TrackLengthChart(const PageModel& model) {
   for (const double value : ticks.values) {
     const double y = kTop + kHeight * (1.0 - value / max);
     drawing.Line({kLeft, y}, {kWidth - 20.0, y}, kGridStyle);
-    drawing.Text({kLeft - 8.0, y + 4.0},
-                 FormatCount(static_cast<size_t>(value)), kRightStyle);
+    drawing.Text({kLeft - 8.0, y + 4.0}, Count(static_cast<size_t>(value)),
+                 kRightStyle);
   }
   const double bar =
       (kWidth - kLeft - 20.0) / static_cast<double>(max_length - 1);

@@ -3,7 +3,6 @@
 
 #include "evaluation/evaluation_plot.h"
 #include "report_page/charts.h"
-#include "report_page/encoding.h"
 #include "report_page/html_parts.h"
 #include "report_page/sections.h"
 
