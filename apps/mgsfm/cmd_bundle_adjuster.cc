@@ -238,8 +238,7 @@ CommandResult RunBundleAdjuster(const BundleAdjusterOptions& given,
   }
   warnings.Log(context);
   WriteResult(input, result.estimate, options, context, &output);
-  CommandResult done(kExitSuccess);
-  done.text = Describe(input, result);
+  CommandResult done(kExitSuccess, Describe(input, result));
   done.has_files = true;
   return done;
 }

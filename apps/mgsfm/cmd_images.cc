@@ -252,9 +252,8 @@ struct RecordingImporterOptions {
 CommandResult RunRecordingImporter(const RecordingImporterOptions& options,
                                    const Context& context) {
   if (options.output_path->empty()) {
-    CommandResult listed = kExitSuccess;
-    listed.text = ListTopics(SplitVideoPaths(options.recording_path), context);
-    return listed;
+    return {kExitSuccess,
+            ListTopics(SplitVideoPaths(options.recording_path), context)};
   }
   (void)ImportRecordingInto(*options.output_path, options.recording_path,
                             options.import, context);

@@ -108,10 +108,7 @@ const ExchangeFormat& FindFormat(const std::string& name) {
 }
 
 Eigen::Vector3d ParseOrigin(const std::string& text) {
-  std::vector<std::optional<double>> values;
-  for (const std::string& item : SplitFields(text, ',')) {
-    values.push_back(ParseDouble(item));
-  }
+  const auto values = Transformed(SplitFields(text, ','), ParseDouble);
   if (values.size() != 3 || !values[0] || !values[1] || !values[2]) {
     throw Error("--origin '" + text +
                 "' is not latitude,longitude,altitude, such as 47.37,8.54,408");

@@ -101,9 +101,7 @@ CommandResult RunModelAnalyzer(const ModelAnalyzerOptions& options,
   TextOutput text;
   Describe(AnalyzeModel(input.model), text);
   DescribeRigs(input.model, text);
-  CommandResult result(kExitSuccess);
-  result.text = text.str();
-  return result;
+  return {kExitSuccess, text.str()};
 }
 
 struct ModelCropperOptions : ModelEditOptions {

@@ -167,10 +167,8 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
     ReplaceFile(*options.svg_path,
                 EvaluationToSvg(comparison.images, evaluation));
   }
-  CommandResult result(kExitSuccess);
-  result.text = EvaluationToText(evaluation);
-  result.json = EvaluationToJson(evaluation);
-  return result;
+  return {kExitSuccess, EvaluationToText(evaluation),
+          EvaluationToJson(evaluation)};
 }
 
 }  // namespace

@@ -590,10 +590,7 @@ int JoinClusters(const ModelMergerOptions& options, const Context& context) {
                                       "clusters first");
     return kExitNotSolvable;
   }
-  std::vector<SubMapFacts> facts;
-  for (const std::string& folder : files.folders) {
-    facts.push_back(ReadFacts(folder));
-  }
+  const auto facts = Transformed(files.folders, ReadFacts);
   const auto [models, report] =
       FinishModels(options, files, facts, output.StagingDir(), context);
   context.CheckInterrupted();

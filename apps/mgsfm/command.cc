@@ -386,10 +386,6 @@ void CheckCommandOptions(const std::string& name, const OptionList& options,
   CheckOutputsAreNoInputs(name, options, config_path);
 }
 
-LogLevel CommonOptions::MinLogLevel() const {
-  return quiet ? std::max<LogLevel>(log_level, LogLevel::kWarning) : *log_level;
-}
-
 Context ApplyCommonOptions(const CommonOptions& options, Context environment) {
   environment.num_threads = ResolveNumThreads(options.num_threads);
   environment.random_seed = static_cast<uint64_t>(options.random_seed);

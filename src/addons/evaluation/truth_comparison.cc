@@ -354,14 +354,12 @@ ImageNames ReadOtherImages(const TruthSource& source, const PosedScene& model) {
   if (source.database_path.empty()) return std::nullopt;
   std::set<std::string> in_model;
   for (const Image& image : model.scene.images) in_model.insert(image.name);
-  std::vector<std::string> others;
-  for (std::string& name : ReadImageNames(source.database_path)) {
-    const bool has_prefix =
-        name.compare(0, source.image_prefix.size(), source.image_prefix) == 0;
-    if (has_prefix && in_model.count(name) == 0) {
-      others.push_back(std::move(name));
-    }
-  }
+  const std::string& prefix = source.image_prefix;
+  std::vector<std::string> others = ReadImageNames(source.database_path);
+  EraseIf(&others, [&](const std::string& name) {
+    return name.compare(0, prefix.size(), prefix) != 0 ||
+           in_model.count(name) > 0;
+  });
   return others;
 }
 
@@ -394,10 +392,8 @@ std::vector<std::string> UnpairedImages(const PosedScene& model,
                                         const TruthComparison& comparison) {
   std::set<std::string> paired;
   for (const ImagePoses& image : comparison.images) paired.insert(image.name);
-  std::vector<std::string> names;
-  for (const Image& image : model.scene.images) {
-    if (paired.count(image.name) == 0) names.push_back(image.name);
-  }
+  auto names = Transformed(model.scene.images, &Image::name);
+  EraseIf(&names, [&](const auto& name) { return paired.count(name) > 0; });
   return names;
 }
 

@@ -57,11 +57,7 @@ std::string Digits(double value) {
 }
 
 std::string NumberList(const std::vector<double>& values) {
-  std::string text = "[";
-  for (size_t i = 0; i < values.size(); ++i) {
-    text += (i > 0 ? ", " : "") + Digits(values[i]);
-  }
-  return text + "]";
+  return "[" + Joined(Transformed(values, Digits), ", ") + "]";
 }
 
 Eigen::Vector2d PrincipalPoint(const Camera& camera) {
@@ -93,15 +89,12 @@ std::vector<std::string> PlainSensorNames(const Scene& scene) {
 
 std::vector<int> RegisteredFrames(const ExportInput& input) {
   const Scene& scene = input.scene;
-  std::vector<int> frame_idxs;
-  for (const int frame_idx : OrderOfFrames(scene)) {
-    const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
-    if (AnyOf(images, [&](int image_idx) {
-          return input.model.IsRegistered(scene, image_idx);
-        })) {
-      frame_idxs.push_back(frame_idx);
-    }
-  }
+  std::vector<int> frame_idxs = OrderOfFrames(scene);
+  EraseIf(&frame_idxs, [&](int frame_idx) {
+    return NoneOf(scene.frames[frame_idx].image_idxs, [&](int image_idx) {
+      return input.model.IsRegistered(scene, image_idx);
+    });
+  });
   return frame_idxs;
 }
 
@@ -112,15 +105,13 @@ int OnlyRig(const ExportInput& input, const std::string& format,
     rig_idxs.insert(input.scene.frames[frame_idx].rig_idx);
   }
   if (rig_idxs.size() == 1) return *rig_idxs.begin();
-  std::string names;
-  for (const int rig_idx : rig_idxs) {
+  const auto names = Transformed(rig_idxs, [&](int rig_idx) {
     const Rig& rig = input.scene.rigs[rig_idx];
-    names += (names.empty() ? "'" : ", '") +
-             input.scene.sensors[rig.ref_sensor_idx].name + "'";
-  }
+    return "'" + input.scene.sensors[rig.ref_sensor_idx].name + "'";
+  });
   throw Error(format + " holds one rig, but the model has " +
-              std::to_string(rig_idxs.size()) + ", of cameras " + names + "; " +
-              remedy);
+              std::to_string(rig_idxs.size()) + ", of cameras " +
+              Joined(names, ", ") + "; " + remedy);
 }
 
 std::vector<int> PosedSensors(const ExportInput& input, int rig_idx) {

@@ -218,15 +218,6 @@ Camera MakeRadialCamera(double focal_length_px,
   return camera;
 }
 
-ImportedPoint ReadPositionAndColor(ImportText* text) {
-  ImportedPoint point;
-  for (double& x : point.point_in_world) {
-    x = text->Number("a coordinate of a point");
-  }
-  for (uint8_t& c : point.color) c = text->Color("a color from 0 to 255");
-  return point;
-}
-
 std::optional<Eigen::Vector2i> FindSizeOfImage(const fs::path& file) {
   const std::optional<ImageSize> size = ReadImageSizeOf(file);
   if (!size) return std::nullopt;

@@ -31,11 +31,6 @@ struct PlyHeader {
               "binary little-endian");
 }
 
-bool SkipsWord(const std::string& word, TextInput* words) {
-  std::string next;
-  return *words >> next && next == word;
-}
-
 bool ReadCount(TextInput* words, uint64_t* count) {
   std::string word;
   *words >> word;
@@ -51,7 +46,7 @@ PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
   bool is_in_vertex = false;
   for (int number = 1; std::getline(lines, line); ++number) {
     TextInput words(line);
-    if (number == 1 && !SkipsWord("ply", &words)) break;
+    if (number == 1 && (!(words >> word) || word != "ply")) break;
     words >> word;
     if (word == "format") {
       words >> word;

@@ -86,11 +86,11 @@ std::vector<Trajectory> MakeTrajectories(const ExportInput& input,
 }
 
 // A file of lines in the order of their times.
-using TimedLine = std::string (*)(int64_t time_ns, const Rigid3& pose);
 std::vector<ExportedFile> WriteTimed(const ExportInput& input,
                                      const std::string& extension,
                                      const std::string& header,
-                                     TimedLine line) {
+                                     std::string (*line)(int64_t time_ns,
+                                                         const Rigid3& pose)) {
   std::vector<ExportedFile> files;
   for (const Trajectory& trajectory : MakeTrajectories(input, extension)) {
     auto stops = Transformed(trajectory.stops, [](const Stop& stop) {

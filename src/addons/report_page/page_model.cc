@@ -189,14 +189,21 @@ FramesOfNames FramesByName(const Scene& scene) {
   return frame_of_name;
 }
 
-std::optional<std::pair<int, int>> FrameRange(
-    const nlohmann::ordered_json& names, const FramesOfNames& frame_of_name) {
+std::optional<std::pair<std::string, std::string>> GetTwoNames(
+    const nlohmann::ordered_json& names) {
   if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
       !names[1].is_string()) {
     return std::nullopt;
   }
-  const auto first = frame_of_name.lower_bound(names[0].get<std::string>());
-  const auto end = frame_of_name.upper_bound(names[1].get<std::string>());
+  return std::pair(names[0].get<std::string>(), names[1].get<std::string>());
+}
+
+std::optional<std::pair<int, int>> FrameRange(
+    const nlohmann::ordered_json& names, const FramesOfNames& frame_of_name) {
+  const auto ends = GetTwoNames(names);
+  if (!ends) return std::nullopt;
+  const auto first = frame_of_name.lower_bound(ends->first);
+  const auto end = frame_of_name.upper_bound(ends->second);
   if (first == frame_of_name.end() || end == frame_of_name.begin()) {
     return std::nullopt;
   }

@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "base/ranges.h"
+#include "base/text_tools.h"
 #include "evaluation/evaluation_plot.h"
 #include "evaluation/svg.h"
 #include "geometry/so3.h"
@@ -55,10 +56,8 @@ std::string SensorTable(const PageModel& model) {
         model.input.reconstruction.cameras[scene.sensors[i].camera_idx];
     const CameraModelInfo* info =
         FindCameraModel(static_cast<int32_t>(camera.model));
-    std::string params;
-    for (const double value : camera.params) {
-      params += (params.empty() ? "" : ", ") + Number(value, 4);
-    }
+    const auto params = Transformed(
+        camera.params, [](double value) { return Number(value, 4); });
     rows.push_back(
         {Text(scene.sensors[i].name.empty() ? "images" : scene.sensors[i].name),
          Share(s.num_registered, s.num_images), Count(s.errors.num_points),
@@ -66,7 +65,7 @@ std::string SensorTable(const PageModel& model) {
          std::string(info ? info->name : "?") + " " +
              Count(static_cast<size_t>(camera.width_px)) + "&times;" +
              Count(static_cast<size_t>(camera.height_px)),
-         params, FocalLengthCell(model, camera)});
+         Joined(params, ", "), FocalLengthCell(model, camera)});
   }
   return Table(
       {"camera", "images registered", "observations", "coverage of the image",
@@ -102,16 +101,12 @@ std::string MissingTable(const PageModel& model) {
 
 // The stretches of frames on one side of a seam.
 std::string Stretches(const Json& stretches) {
-  std::string text;
+  std::vector<std::string> texts;
   for (const Json& names : stretches) {
-    if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
-        !names[1].is_string()) {
-      continue;
-    }
-    if (!text.empty()) text += "; ";
-    text += names[0].get<std::string>() + " to " + names[1].get<std::string>();
+    const auto ends = GetTwoNames(names);
+    if (ends) texts.push_back(ends->first + " to " + ends->second);
   }
-  return Text(text);
+  return Text(Joined(texts, "; "));
 }
 
 std::string SeamTable(const PageModel& model) {
@@ -134,13 +129,11 @@ std::string SeamTable(const PageModel& model) {
 
 // Sigmas of three values as "a, b, c".
 std::string Triple(const Json& values, int digits) {
-  std::string html;
   if (!values.is_array()) return "&ndash;";
-  for (const Json& value : values) {
-    if (!html.empty()) html += ", ";
-    html += value.is_number() ? Number(value.get<double>(), digits) : "&ndash;";
-  }
-  return html;
+  const auto texts = Transformed(values, [&](const Json& value) {
+    return value.is_number() ? Number(value.get<double>(), digits) : "&ndash;";
+  });
+  return Joined(texts, ", ");
 }
 
 // The entry of a sensor in the report; null if there is none.
