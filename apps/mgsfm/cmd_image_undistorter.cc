@@ -26,6 +26,7 @@ namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
 
 enum class UndistortionLayout {
   kColmap,
@@ -104,7 +105,7 @@ std::string CanonicalOrEmpty(const std::string& path) {
 
 // ------------------------------------------------------------------- settings
 
-nlohmann::ordered_json ToJson(const Camera& camera) {
+Json ToJson(const Camera& camera) {
   return {{"model", FindCameraModel(static_cast<int32_t>(camera.model))->name},
           {"width", camera.width_px},
           {"height", camera.height_px},
@@ -117,9 +118,9 @@ std::string Settings(const ImageUndistorterOptions& options,
                      const Reconstruction& model,
                      const std::vector<std::vector<View>>& views_of_camera,
                      bool writes_masks) {
-  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  Json cameras = Json::array();
   for (size_t i = 0; i < model.cameras.size(); ++i) {
-    nlohmann::ordered_json views = nlohmann::ordered_json::array();
+    Json views = Json::array();
     for (const View& view : views_of_camera[i]) {
       views.push_back({{"name", view.name},
                        {"camera", ToJson(view.camera)},
@@ -128,7 +129,7 @@ std::string Settings(const ImageUndistorterOptions& options,
     cameras.push_back(
         {{"camera", ToJson(model.cameras[i])}, {"views", std::move(views)}});
   }
-  const nlohmann::ordered_json settings = {
+  const Json settings = {
       {"image_path", CanonicalOrEmpty(options.image_path)},
       {"mask_path", CanonicalOrEmpty(options.mask_path)},
       {"camera_mask_path", CanonicalOrEmpty(options.camera_mask_path)},

@@ -24,6 +24,8 @@
 namespace mgsfm {
 namespace {
 
+namespace fs = std::filesystem;
+
 // "96 images in 2.1 s, 45.2 images/s; ".
 std::string Rate(size_t num_images, double seconds) {
   return Formatted("%zu images in %.1f s, %.3g images/s; ", num_images, seconds,
@@ -45,7 +47,7 @@ void ExtractInto(const std::string& database_path,
                  const std::string& image_path,
                  const FeatureExtractionOptions& options,
                  const std::optional<Share>& share, const Context& context) {
-  const bool is_new = !std::filesystem::exists(database_path);
+  const bool is_new = !fs::exists(database_path);
   std::optional<FeatureDatabase> database(std::in_place, database_path,
                                           FeatureDatabase::OpenMode::kOrCreate);
   try {
@@ -60,12 +62,12 @@ void ExtractInto(const std::string& database_path,
         is_new && database->ReadStructure(context).images.empty();
     database.reset();
     std::error_code ignored;
-    if (is_empty) std::filesystem::remove(database_path, ignored);
+    if (is_empty) fs::remove(database_path, ignored);
     throw;
   }
 }
 
-void SampleVideosInto(const std::filesystem::path& output_path,
+void SampleVideosInto(const fs::path& output_path,
                       const std::string& video_paths,
                       const VideoSamplingOptions& options,
                       const Context& context) {
@@ -80,9 +82,8 @@ void SampleVideosInto(const std::filesystem::path& output_path,
 }
 
 RecordingImportSummary ImportRecordingInto(
-    const std::filesystem::path& output_path,
-    const std::string& recording_paths, const RecordingImportOptions& options,
-    const Context& context) {
+    const fs::path& output_path, const std::string& recording_paths,
+    const RecordingImportOptions& options, const Context& context) {
   RecordingImportSummary summary = ImportRecording(
       SplitVideoPaths(recording_paths), output_path, options, context);
   context.Info("imported " + Rate(summary.num_written, summary.seconds) +
@@ -113,8 +114,8 @@ std::string Describe(const ImageRunSummary& summary) {
 
 void UseExifTimes(const std::string& image_path,
                   const std::vector<std::string>& names,
-                  const std::filesystem::path& output_path,
-                  const Context& context, SceneLoadingOptions* loading) {
+                  const fs::path& output_path, const Context& context,
+                  SceneLoadingOptions* loading) {
   const bool names_suffice = AllOf(names, [](const std::string& name) {
     return TimeInName(name).has_value();
   });
@@ -125,8 +126,7 @@ void UseExifTimes(const std::string& image_path,
   std::string lines = "# image_name SECONDS, of EXIF tags\n";
   for (const std::string& name : names) {
     context.CheckInterrupted();
-    const std::string path =
-        (std::filesystem::path(image_path) / name).string();
+    const std::string path = (fs::path(image_path) / name).string();
     const auto time_s = ReadTags(ReadImageFile(path), 1, 1).time_s;
     if (!time_s) {
       throw Error("image '" + path +
@@ -137,8 +137,7 @@ void UseExifTimes(const std::string& image_path,
         name + ' ' + FormatDouble(*time_s, std::chars_format::fixed, 6) + '\n';
   }
   std::error_code ignored;
-  if (std::filesystem::exists(output_path, ignored) &&
-      ReadFile(output_path) != lines) {
+  if (fs::exists(output_path, ignored) && ReadFile(output_path) != lines) {
     throw Error("'" + output_path.string() +
                 "' exists, but does not hold the times of the EXIF tags; set "
                 "image_timestamps_path to use it, or remove it");
@@ -346,7 +345,7 @@ SceneLoadingOptions WithExifTimes(const RigConfiguratorOptions& options,
   CheckImagePath(options.image_path);
   const std::vector<std::string> names =
       Transformed(database.ReadStructure(context).images, &ImageRow::name);
-  const std::filesystem::path path = *options.database_path;
+  const fs::path path = *options.database_path;
   UseExifTimes(options.image_path, names, path.parent_path() / "timestamps.txt",
                context, &rigs);
   return rigs;

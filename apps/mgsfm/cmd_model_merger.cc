@@ -165,11 +165,6 @@ struct SubMapFacts {
   bool is_registered = false;
   std::optional<Eigen::Vector3d> origin_wgs84;
   bool used_gravity = false;
-
-  bool SharesWorld(const SubMapFacts& other) const {
-    return is_registered && other.is_registered &&
-           origin_wgs84 == other.origin_wgs84;
-  }
 };
 
 // The report of the run of a sub-map may be missing.
@@ -317,7 +312,8 @@ std::optional<WorldOfParts> FindWorld(const SceneModel& model,
   std::map<std::string, Rigid3> pose_of_name;
   size_t num_others = 0;
   for (const int m : sub_maps) {
-    if (!facts[m].SharesWorld(facts[*first])) {
+    if (!facts[m].is_registered ||
+        facts[m].origin_wgs84 != facts[*first].origin_wgs84) {
       ++num_others;
       continue;
     }

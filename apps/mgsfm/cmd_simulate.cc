@@ -25,6 +25,8 @@
 namespace mgsfm {
 namespace {
 
+namespace fs = std::filesystem;
+
 enum class TrajectoryFormat { kKitti, kTum };
 enum class ImageFormat { kPng, kJpeg };
 
@@ -188,10 +190,9 @@ bool IsSynchronized(const SimulationOptions& options) {
 }
 
 // Image poses, which differ from those of the frames by the trigger offsets.
-void WriteTrueImages(const Simulation& simulation,
-                     const std::filesystem::path& folder,
+void WriteTrueImages(const Simulation& simulation, const fs::path& folder,
                      const Context& context) {
-  std::filesystem::create_directory(folder);
+  fs::create_directory(folder);
   WriteModel(folder, SeparateImages(simulation.scene),
              SeparateImages(simulation.ground_truth,
                             {simulation.cam_from_world.begin(),
@@ -200,10 +201,9 @@ void WriteTrueImages(const Simulation& simulation,
 }
 
 void WriteTruth(const Simulation& simulation, const SimulationOptions& options,
-                const std::filesystem::path& staging_dir,
-                const Context& context) {
-  const std::filesystem::path truth_path = staging_dir / "truth";
-  std::filesystem::create_directory(truth_path);
+                const fs::path& staging_dir, const Context& context) {
+  const fs::path truth_path = staging_dir / "truth";
+  fs::create_directory(truth_path);
   WriteModelAndRig(truth_path, simulation.scene, simulation.ground_truth,
                    ModelFormat::kBinary, context);
   WriteImageTimestamps(staging_dir / "timestamps.txt", simulation.scene);
@@ -231,12 +231,11 @@ std::string CameraLines(const Scene& scene) {
 
 void RenderImages(const SimulateCommandOptions& options,
                   const StreetRenderer& renderer, const Simulation& simulation,
-                  const std::filesystem::path& image_path,
-                  const Context& context) {
+                  const fs::path& image_path, const Context& context) {
   const std::vector<Image>& images = simulation.scene.images;
   for (size_t i = 0; i < images.size(); ++i) {
-    const std::filesystem::path path = image_path / images[i].name;
-    std::filesystem::create_directories(path.parent_path());
+    const fs::path path = image_path / images[i].name;
+    fs::create_directories(path.parent_path());
     const ColorImage image = renderer.Render(
         images[i].camera_idx, simulation.cam_from_world[i], context);
     WriteColorImage(path, image.width_px, image.height_px, image.rgb,
@@ -245,13 +244,13 @@ void RenderImages(const SimulateCommandOptions& options,
   }
 }
 
-void CheckIsNew(const std::filesystem::path& path) {
-  if (!std::filesystem::exists(path)) return;
+void CheckIsNew(const fs::path& path) {
+  if (!fs::exists(path)) return;
   throw Error("'" + path.string() + "' exists; choose a new folder");
 }
 
 int RunRender(const SimulateCommandOptions& options, const Context& context) {
-  const std::filesystem::path output_path = *options.output_path;
+  const fs::path output_path = *options.output_path;
   StagedOutput output(output_path);  // finishes the output of a killed run
   CheckIsNew(output_path / "images");
   SimulationOptions simulation_options = options.simulation;
@@ -264,8 +263,7 @@ int RunRender(const SimulateCommandOptions& options, const Context& context) {
       SimulateWithoutFeatures(simulation_options, input, context);
   if (options.render_format == ImageFormat::kJpeg) {
     for (Image& image : simulation.scene.images) {
-      image.name =
-          std::filesystem::path(image.name).replace_extension(".jpg").string();
+      image.name = fs::path(image.name).replace_extension(".jpg").string();
     }
   }
   const StreetRenderer renderer(simulation_options, input,
@@ -309,7 +307,7 @@ std::string PairKindLines(const Simulation& simulation) {
 
 int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   if (options.render) return RunRender(options, context);
-  const std::filesystem::path output_path = *options.output_path;
+  const fs::path output_path = *options.output_path;
   StagedOutput output(output_path);  // finishes the output of a killed run
   CheckIsNew(output_path / "database.db");
   SimulationOptions simulation_options = options.simulation;

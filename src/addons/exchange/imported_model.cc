@@ -47,9 +47,8 @@ std::string_view ImportText::Word(const char* expected) {
   const std::string_view text = text_;
   const size_t first =
       std::min(text.find_first_not_of(kBlanks, position_), text.size());
-  line_ += static_cast<int>(
-      std::count(text.begin() + static_cast<std::ptrdiff_t>(position_),
-                 text.begin() + static_cast<std::ptrdiff_t>(first), '\n'));
+  const std::string_view blanks = text.substr(position_, first - position_);
+  line_ += static_cast<int>(std::count(blanks.begin(), blanks.end(), '\n'));
   const size_t end = std::min(text.find_first_of(kBlanks, first), text.size());
   position_ = end;
   if (first == end) ThrowUnexpected(expected, {});

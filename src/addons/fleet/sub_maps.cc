@@ -27,12 +27,6 @@ constexpr double kMaxAngleBetweenEqualPoints = 0.05;
 // depth of a point that two views see at a small angle has a large error.
 constexpr double kMaxDistanceRatio = 2.0;
 
-size_t NumFrames(const SceneModel& model) {
-  const auto& poses = model.reconstruction.rig_from_world;
-  return static_cast<size_t>(
-      CountIf(poses, [](const auto& pose) { return pose.has_value(); }));
-}
-
 // The sub-maps of each connected component in the order in which they are
 // merged: each is next to an earlier one.
 std::vector<std::vector<int>> OrderOfMerging(
@@ -259,8 +253,10 @@ void MergeComponent(const std::vector<int>& component,
 
 void SortModels(JoinedMaps* joined) {
   std::vector<size_t> order = Indices<size_t>(joined->models.size());
-  StableSortDescendingBy(
-      &order, [&](size_t a) { return NumFrames(joined->models[a]); });
+  StableSortDescendingBy(&order, [&](size_t a) {
+    return CountIf(joined->models[a].reconstruction.rig_from_world,
+                   [](const auto& pose) { return pose.has_value(); });
+  });
   auto models = std::exchange(joined->models, {});
   auto sub_maps = std::exchange(joined->sub_maps, {});
   for (const size_t i : order) {

@@ -13,6 +13,7 @@ namespace mgsfm {
 namespace {
 
 using Eigen::Vector2d;
+using Json = nlohmann::ordered_json;
 
 // Adds one value to the statistics of an image, sensor or model.
 void Add(std::optional<double> error_px, ImageStatistics* statistics) {
@@ -141,8 +142,6 @@ PageStatistics ComputeStatistics(const Scene& scene,
 
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 void WarnOfNewerVersion(const std::string& version, const Context& context) {
   try {
     if (version.empty() || !IsNewerVersion(version)) return;
@@ -156,8 +155,7 @@ void WarnOfNewerVersion(const std::string& version, const Context& context) {
 
 }  // namespace
 
-nlohmann::ordered_json ParseReport(const std::string& text,
-                                   const Context& context) {
+Json ParseReport(const std::string& text, const Context& context) {
   if (text.empty()) return Json::object();
   Json report = Json::parse(text, nullptr, false);
   if (!report.is_object()) {
@@ -169,8 +167,8 @@ nlohmann::ordered_json ParseReport(const std::string& text,
   return report;
 }
 
-PageModel MakePageModel(const ReportPageInput& input,
-                        nlohmann::ordered_json report, const Context& context) {
+PageModel MakePageModel(const ReportPageInput& input, Json report,
+                        const Context& context) {
   Projector projector(input.scene, input.reconstruction);
   PageStatistics statistics =
       ComputeStatistics(input.scene, input.reconstruction, projector, context);
@@ -190,7 +188,7 @@ FramesOfNames FramesByName(const Scene& scene) {
 }
 
 std::optional<std::pair<std::string, std::string>> GetTwoNames(
-    const nlohmann::ordered_json& names) {
+    const Json& names) {
   if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
       !names[1].is_string()) {
     return std::nullopt;
@@ -199,7 +197,7 @@ std::optional<std::pair<std::string, std::string>> GetTwoNames(
 }
 
 std::optional<std::pair<int, int>> FrameRange(
-    const nlohmann::ordered_json& names, const FramesOfNames& frame_of_name) {
+    const Json& names, const FramesOfNames& frame_of_name) {
   const auto ends = GetTwoNames(names);
   if (!ends) return std::nullopt;
   const auto first = frame_of_name.lower_bound(ends->first);
@@ -213,8 +211,7 @@ std::optional<std::pair<int, int>> FrameRange(
 }
 
 std::string LengthUnit(const PageModel& model) {
-  const nlohmann::ordered_json& models =
-      GetArray(Get(model.report, "summary"), "models");
+  const Json& models = GetArray(Get(model.report, "summary"), "models");
   const size_t i = model.input.model_idx;
   const bool is_metric =
       i < models.size() &&
