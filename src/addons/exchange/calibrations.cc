@@ -249,8 +249,6 @@ std::string SensorYaml(const ExportInput& input, int sensor_idx) {
          "\n" + opencv.Comment();
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input) {
   const int rig_idx = OnlyRig(input, kEuroc.name);
   const std::vector<std::string> names = PlainSensorNames(input.scene);
@@ -259,8 +257,6 @@ std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input) {
                         SensorYaml(input, sensor_idx)};
   });
 }
-
-namespace {
 
 std::string Matrix(const Rigid3& b_from_a) {
   const Eigen::Matrix3d rotation = b_from_a.rotation.toRotationMatrix();
@@ -295,8 +291,6 @@ std::string CameraText(const ExportInput& input, int sensor_idx,
          "/image_raw\n" + opencv.Comment();
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteKalibr(const ExportInput& input) {
   const int rig_idx = OnlyRig(input, kKalibr.name);
   const std::vector<std::string> names = PlainSensorNames(input.scene);
@@ -314,8 +308,6 @@ std::vector<ExportedFile> WriteKalibr(const ExportInput& input) {
   }
   return {{"", std::move(text)}};
 }
-
-namespace {
 
 // The frame of a rig has the axes of its reference camera.
 struct StaticTransform {
@@ -398,8 +390,6 @@ std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,
          opencv.Comment();
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteRosTransforms(const ExportInput& input) {
   std::string text = "transforms:\n";
   for (const StaticTransform& transform : StaticTransforms(input)) {
@@ -426,16 +416,21 @@ std::vector<ExportedFile> WriteCameraInfo(const ExportInput& input) {
   return files;
 }
 
-std::vector<std::string> LossesInKalibr(const ExportInput& input) {
-  return LossesOfRig(input, kKalibr);
-}
-
-std::vector<std::string> LossesInEurocSensors(const ExportInput& input) {
-  return LossesOfRig(input, kEuroc);
-}
-
 std::vector<std::string> LossesInCameraInfo(const ExportInput& input) {
   return FittedCameras(input, Indices(input.scene.sensors.size()), kCameraInfo);
+}
+
+}  // namespace
+
+std::vector<ExchangeFormat> CalibrationFormats() {
+  return {
+      {"kalibr", WriteKalibr,
+       [](const ExportInput& input) { return LossesOfRig(input, kKalibr); }},
+      {"euroc_sensor", WriteEurocSensors,
+       [](const ExportInput& input) { return LossesOfRig(input, kEuroc); }},
+      {"ros_tf", WriteRosTransforms, SensorsWithoutPose},
+      {"ros_launch", WriteRosLaunch, SensorsWithoutPose},
+      {"camera_info", WriteCameraInfo, LossesInCameraInfo}};
 }
 
 }  // namespace mgsfm

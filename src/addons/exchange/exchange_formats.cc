@@ -8,6 +8,7 @@
 #include "base/ranges.h"
 #include "base/text_tools.h"
 #include "exchange/formats.h"
+#include "exchange/ply.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/rigs/rig_config.h"
 
@@ -18,34 +19,37 @@ std::vector<ExportedFile> WriteRigConfigJson(const ExportInput& input) {
   return {{"", RigConfigsToJson(MakeRigConfigs(input.scene, input.model))}};
 }
 
-constexpr ExchangeFormat kFormats[] = {
-    {"ply", WritePly},
-    {"nvm", WriteNvm, LossesInNvm},
-    {"bundler", WriteBundler, MovedPrincipalPoints},
-    {"tum", WriteTum},
-    {"kitti", WriteKitti},
-    {"euroc", WriteEuroc},
-    {"kalibr", WriteKalibr, LossesInKalibr},
-    {"euroc_sensor", WriteEurocSensors, LossesInEurocSensors},
-    {"ros_tf", WriteRosTransforms, SensorsWithoutPose},
-    {"ros_launch", WriteRosLaunch, SensorsWithoutPose},
-    {"camera_info", WriteCameraInfo, LossesInCameraInfo},
-    {"rig_config", WriteRigConfigJson},
-    {"geojson", WriteGeoJson},
-    {"kml", WriteKml},
-};
+std::vector<ExportedFile> WritePly(const ExportInput& input) {
+  return {{"", PointsToPly(input.model)}};
+}
+
+// In the order of messages.
+const std::vector<ExchangeFormat>& AllFormats() {
+  static const std::vector<ExchangeFormat> kAll = [] {
+    std::vector<ExchangeFormat> all = {{"ply", WritePly}};
+    for (const auto& formats : {RadialFormats(),
+                                TrajectoryFormats(),
+                                CalibrationFormats(),
+                                {{"rig_config", WriteRigConfigJson}},
+                                GeoFormats()}) {
+      all.insert(all.end(), formats.begin(), formats.end());
+    }
+    return all;
+  }();
+  return kAll;
+}
 
 }  // namespace
 
 const ExchangeFormat* FindExchangeFormat(const std::string& name) {
-  for (const ExchangeFormat& format : kFormats) {
+  for (const ExchangeFormat& format : AllFormats()) {
     if (format.name == ToLower(name)) return &format;
   }
   return nullptr;
 }
 
 std::vector<std::string> ExchangeFormatNames() {
-  return Transformed(kFormats, [](const ExchangeFormat& format) {
+  return Transformed(AllFormats(), [](const ExchangeFormat& format) {
     return std::string(format.name);
   });
 }

@@ -36,35 +36,19 @@ std::vector<std::string> SensorsWithoutPose(const ExportInput& input);
 
 // The formats that docs/reference/exchange.md describes.
 
-// The points with their colors, binary.
-std::vector<ExportedFile> WritePly(const ExportInput& input);
 // VisualSFM and Bundler (two files), as COLMAP writes them, except that pixels
 // in NVM move by as much as the principal point to the center of the image.
-std::vector<ExportedFile> WriteNvm(const ExportInput& input);
-std::vector<ExportedFile> WriteBundler(const ExportInput& input);
-std::vector<std::string> LossesInNvm(const ExportInput& input);
-std::vector<std::string> LossesInKalibr(const ExportInput& input);
-std::vector<std::string> LossesInEurocSensors(const ExportInput& input);
-std::vector<std::string> LossesInCameraInfo(const ExportInput& input);
-// A message for each camera whose principal point is not the center.
-std::vector<std::string> MovedPrincipalPoints(const ExportInput& input);
+std::vector<ExchangeFormat> RadialFormats();
 
 // Trajectories world_from_rig or world_from_cam. TUM and EuRoC need a time of
 // each image (Image::timestamp_s, or a name that is one).
-std::vector<ExportedFile> WriteTum(const ExportInput& input);
-std::vector<ExportedFile> WriteKitti(const ExportInput& input);
-std::vector<ExportedFile> WriteEuroc(const ExportInput& input);
+std::vector<ExchangeFormat> TrajectoryFormats();
 
 // Calibrations of the only rig. Pixels count from the center of the first one
 // there.
-std::vector<ExportedFile> WriteKalibr(const ExportInput& input);
-std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input);
-std::vector<ExportedFile> WriteCameraInfo(const ExportInput& input);
-std::vector<ExportedFile> WriteRosTransforms(const ExportInput& input);
-std::vector<ExportedFile> WriteRosLaunch(const ExportInput& input);
+std::vector<ExchangeFormat> CalibrationFormats();
 
 // Paths of frames on the earth.
-std::vector<ExportedFile> WriteGeoJson(const ExportInput& input);
-std::vector<ExportedFile> WriteKml(const ExportInput& input);
+std::vector<ExchangeFormat> GeoFormats();
 
 }  // namespace mgsfm

@@ -9,7 +9,6 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "base/text_streams.h"
-#include "exchange/formats.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -206,10 +205,6 @@ std::string PointsToPly(const Reconstruction& model) {
     text.append(reinterpret_cast<const char*>(point.color.data()), 3);
   }
   return text;
-}
-
-std::vector<ExportedFile> WritePly(const ExportInput& input) {
-  return {{"", PointsToPly(input.model)}};
 }
 
 std::vector<ImportedPoint> ReadPly(const fs::path& path) {

@@ -140,8 +140,7 @@ std::string PointLines(const ExportInput& input, const ImageOrder& order,
   return lines + '\n';
 }
 
-}  // namespace
-
+// A message for each camera whose principal point is not the center.
 std::vector<std::string> MovedPrincipalPoints(const ExportInput& input) {
   constexpr double kRounding_px = 1e-6;
   std::vector<std::string> messages;
@@ -179,8 +178,6 @@ std::vector<ExportedFile> WriteBundler(const ExportInput& input) {
   }
   return {{".bundle.out", std::move(text)}, {".list.txt", std::move(list)}};
 }
-
-namespace {
 
 // VisualSFM distorts in the opposite direction, hence COLMAP's sign of k1.
 std::string ImageLine(const ExportInput& input, int image_idx,
@@ -227,8 +224,6 @@ std::string PointLine(const ExportInput& input, const ImageOrder& order,
   return line + std::to_string(num_observations) + observations + '\n';
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteNvm(const ExportInput& input) {
   const std::vector<RadialCamera> cameras = ToRadialCameras(input, "NVM", 1);
   const ImageOrder order = OrderImagesById(input);
@@ -258,6 +253,13 @@ std::vector<std::string> LossesInNvm(const ExportInput& input) {
                        "in each image");
   }
   return messages;
+}
+
+}  // namespace
+
+std::vector<ExchangeFormat> RadialFormats() {
+  return {{"nvm", WriteNvm, LossesInNvm},
+          {"bundler", WriteBundler, MovedPrincipalPoints}};
 }
 
 }  // namespace mgsfm

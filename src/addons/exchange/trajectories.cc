@@ -163,8 +163,6 @@ void CheckHasNoGap(const Trajectory& trajectory) {
   }
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteTum(const ExportInput& input) {
   return WriteTimed(input, ".txt", "# timestamp tx ty tz qx qy qz qw\n",
                     TumLine);
@@ -194,8 +192,6 @@ std::vector<ExportedFile> WriteKitti(const ExportInput& input) {
   }
   return files;
 }
-
-namespace {
 
 struct GeoStop {
   std::string name;
@@ -228,8 +224,6 @@ GeoPaths MakeGeoPaths(const ExportInput& input) {
   }
   return paths;
 }
-
-}  // namespace
 
 std::vector<ExportedFile> WriteGeoJson(const ExportInput& input) {
   using Json = nlohmann::ordered_json;
@@ -273,6 +267,16 @@ std::vector<ExportedFile> WriteKml(const ExportInput& input) {
     text += "</coordinates>\n</LineString>\n</Placemark>\n";
   }
   return {{"", text + "</Document>\n</kml>\n"}};
+}
+
+}  // namespace
+
+std::vector<ExchangeFormat> TrajectoryFormats() {
+  return {{"tum", WriteTum}, {"kitti", WriteKitti}, {"euroc", WriteEuroc}};
+}
+
+std::vector<ExchangeFormat> GeoFormats() {
+  return {{"geojson", WriteGeoJson}, {"kml", WriteKml}};
 }
 
 }  // namespace mgsfm
