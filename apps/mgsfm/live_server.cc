@@ -137,7 +137,8 @@ Endpoint MakeEndpoint(const std::string& address, int port) {
                 "' is not a numeric address such as 127.0.0.1 or 0.0.0.0");
   }
   // The port is at the same place in both families.
-  v6->sin6_port = htons(static_cast<uint16_t>(port));
+  const uint16_t port_in_network_order = htons(static_cast<uint16_t>(port));
+  std::memcpy(&v6->sin6_port, &port_in_network_order, sizeof(v6->sin6_port));
   return endpoint;
 }
 

@@ -11,6 +11,7 @@
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/models/trajectory_io.h"
 #include "models/model_checks.h"
 #include "rigs/image_times.h"
 
@@ -99,7 +100,22 @@ PosedScene ReadPosedScene(const std::string& path,
   return model;
 }
 
+std::optional<double> ParseNumber(const std::string& text) {
+  if (text.empty() ||
+      text.find_first_not_of("0123456789.") != std::string::npos) {
+    return std::nullopt;
+  }
+  return ParseDouble(text);
+}
+
 namespace {
+
+// True poses of the reference sensor, and which of them belongs to each frame;
+// frames are known by the names of their images without folder and extension.
+struct TrueTrajectory {
+  std::vector<Rigid3> ref_from_world;
+  std::map<std::string, size_t> pose_of_frame;
+};
 
 // An image and the pose of the trajectory that it belongs to.
 using PlacedImage = std::pair<size_t, ImagePoses>;
@@ -136,16 +152,8 @@ std::vector<size_t> PosesInGaps(const std::vector<PlacedImage>& images) {
   return in_gaps;
 }
 
-}  // namespace
-
-std::optional<double> ParseNumber(const std::string& text) {
-  if (text.empty() ||
-      text.find_first_not_of("0123456789.") != std::string::npos) {
-    return std::nullopt;
-  }
-  return ParseDouble(text);
-}
-
+// Assigns poses to frames by line number (from 0), if the names of frames are
+// numbers; else in order, if there are equally many. Errors name `path`.
 TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
                               std::vector<Rigid3> ref_from_world,
                               const std::string& path) {
@@ -169,8 +177,6 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
   }
   return trajectory;
 }
-
-namespace {
 
 bool MayBeCounter(const std::string& frame) {
   constexpr size_t kMaxCounterDigits = 9;  // UNIX times in s have ten
@@ -204,8 +210,11 @@ std::map<size_t, std::pair<double, std::string>> NearestFrames(
   return frame_of_pose;
 }
 
-}  // namespace
-
+// Assigns poses to frames by the times in their names (TimeOrNumberInStem),
+// within half the mean step between poses, the nearest frame to each pose; else
+// in order.
+// Throws Error if no frame is near a pose, or if names may be both counters and
+// times.
 TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
                             const std::vector<TimedPose>& poses,
                             const std::string& path) {
@@ -243,6 +252,9 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
   return trajectory;
 }
 
+// Sorted names of all frames of the model, and of frames of other images in the
+// folders of its sensors. Throws Error if two frames of the model have the same
+// name, as in two sequences.
 std::vector<std::string> FrameNames(const PosedScene& model,
                                     const ImageNames& other_images) {
   std::map<std::string, int> frame_of_name;
@@ -265,10 +277,17 @@ std::vector<std::string> FrameNames(const PosedScene& model,
                      [](const auto& frame) { return frame.first; });
 }
 
+}  // namespace
+
 std::vector<ImagePoses> PairWithTrajectory(
-    const PosedScene& model, const TrueTrajectory& trajectory,
+    const PosedScene& model, const std::string& gt_path, TruthFormat format,
     const std::vector<std::optional<Rigid3>>& sensor_from_ref,
     const ImageNames& other_images) {
+  const std::vector<std::string> frames = FrameNames(model, other_images);
+  const TrueTrajectory trajectory =
+      format == TruthFormat::kKitti
+          ? AssignByNumber(frames, ReadKittiPoses(gt_path), gt_path)
+          : AssignByTime(frames, ReadTumPoses(gt_path), gt_path);
   std::vector<PlacedImage> images;
   const auto add_at = [&](size_t pose, const std::string& name, int sensor_idx,
                           const std::optional<Rigid3>& cam_from_model) {

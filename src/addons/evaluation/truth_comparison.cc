@@ -366,16 +366,10 @@ ImageNames ReadOtherImages(const TruthSource& source, const PosedScene& model) {
 TruthComparison CompareWithTrajectory(const TruthSource& source,
                                       const PosedScene& model,
                                       const TrueSensors& true_sensors) {
-  const ImageNames others = ReadOtherImages(source, model);
-  const std::vector<std::string> frames = FrameNames(model, others);
-  const TrueTrajectory trajectory =
-      source.gt_format == TruthFormat::kKitti
-          ? AssignByNumber(frames, ReadKittiPoses(source.gt_path),
-                           source.gt_path)
-          : AssignByTime(frames, ReadTumPoses(source.gt_path), source.gt_path);
   TruthComparison comparison;
   comparison.images =
-      PairWithTrajectory(model, trajectory, true_sensors, others);
+      PairWithTrajectory(model, source.gt_path, source.gt_format, true_sensors,
+                         ReadOtherImages(source, model));
   comparison.sensors = PairSensors(model, true_sensors);
   return comparison;
 }
