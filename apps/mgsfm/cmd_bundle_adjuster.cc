@@ -14,7 +14,6 @@
 #include "math/statistics.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
-#include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/model_scene.h"
 #include "model_file.h"
@@ -67,15 +66,9 @@ ReprojectionErrors ComputeErrors(const Scene& scene,
   std::vector<double> errors_px;
   for (const Point3D& point : model.points) {
     for (const Observation& o : point.track) {
-      const auto pose = model.CamFromWorld(scene, o.image_idx);
-      if (!pose) continue;
-      const Image& image = scene.images[o.image_idx];
-      const Camera& camera = model.cameras[image.camera_idx];
-      const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
-                                        *pose * point.point_in_world);
-      if (!pixel) continue;
-      errors_px.push_back(
-          (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm());
+      const auto residual_px =
+          ResidualPx(scene, model, o, point.point_in_world);
+      if (residual_px) errors_px.push_back(residual_px->norm());
     }
   }
   ReprojectionErrors errors;

@@ -337,19 +337,22 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   return kExitSuccess;
 }
 
-SimulationOptions DefaultsOf(const SimulateCommandOptions& options) {
-  const WorldPreset world = options.simulation.world;
-  return world == WorldPreset::kScatter || world == WorldPreset::kStreet
-             ? PresetSimulation(options.preset, SimulationOptions().rig)
-             : WorldSimulation(world, options.level);
+// The options are set twice: first for the preset, then on top of its values.
+AllOptions<SimulateCommandOptions> PresetOptions(const OptionSetter& set) {
+  AllOptions<SimulateCommandOptions> given, options;
+  set(ListOptions(&given));
+  const SimulateCommandOptions& preset = given.command;
+  const WorldPreset world = preset.simulation.world;
+  options.command.simulation =
+      world == WorldPreset::kScatter || world == WorldPreset::kStreet
+          ? PresetSimulation(preset.preset, SimulationOptions().rig)
+          : WorldSimulation(world, preset.level);
+  return options;
 }
 
-// The options are set twice: first for the preset, then on top of its values.
 int ParseAndRun(const std::vector<std::string>& arguments) {
-  AllOptions<SimulateCommandOptions> preset;
-  SetOptions(arguments, ListOptions(&preset));
-  AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = DefaultsOf(preset.command);
+  auto options = PresetOptions(
+      [&](const OptionList& list) { SetOptions(arguments, list); });
   if (!ParseArguments(kName, kSummary, arguments, ListOptions(&options))) {
     return kExitSuccess;
   }
@@ -357,11 +360,7 @@ int ParseAndRun(const std::vector<std::string>& arguments) {
 }
 
 CommandResult SetAndRun(const OptionSetter& set, const Context& environment) {
-  AllOptions<SimulateCommandOptions> preset;
-  set(ListOptions(&preset));
-  AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = DefaultsOf(preset.command);
-  return CallWith(kName, options, set, environment, RunSimulate);
+  return CallWith(kName, PresetOptions(set), set, environment, RunSimulate);
 }
 
 }  // namespace
