@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/file_reading.h"
 #include "base/text_tools.h"
 #include "cmd_images.h"
 #include "cmd_matching.h"
@@ -38,12 +37,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::optional<ImageSize> SizeOf(const fs::path& path) {
-  std::error_code ignored;
-  if (!fs::is_regular_file(path, ignored)) return std::nullopt;
-  return ReadImageSize(ReadFile(path, "", kMaxImageHeaderBytes));
-}
-
 Camera CameraOf(CameraId id, const ImageSize& size) {
   const auto width = static_cast<double>(size.width);
   const auto height = static_cast<double>(size.height);
@@ -65,7 +58,7 @@ DatabaseContents RowsOf(const std::string& image_path,
   for (const std::string& name : names) {
     const std::string folder = FolderOfName(name);
     if (camera_of_folder.count(folder) == 0) {
-      const auto size = SizeOf(fs::path(image_path) / name);
+      const auto size = ReadImageSizeOf(fs::path(image_path) / name);
       if (!size) continue;
       const CameraId id(static_cast<uint32_t>(rows.cameras.size() + 1));
       rows.cameras.push_back(CameraOf(id, *size));
@@ -299,8 +292,7 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
 }
 
 void CheckSource(const AutomaticReconstructorOptions& options) {
-  const bool has_images = !options.image_path->empty();
-  const int num_sources = (has_images ? 1 : 0) +
+  const int num_sources = (options.image_path->empty() ? 0 : 1) +
                           (options.video_path->empty() ? 0 : 1) +
                           (options.recording_path->empty() ? 0 : 1);
   if (num_sources != 1) {
@@ -310,9 +302,7 @@ void CheckSource(const AutomaticReconstructorOptions& options) {
                     : "option image_path is required: a folder of images; or "
                       "set video_path or recording_path");
   }
-  if (has_images && !fs::is_directory(*options.image_path)) {
-    throw Error("--image_path '" + *options.image_path + "' is not a folder");
-  }
+  CheckImagePath(options.image_path);
 }
 
 // Checks the paths that are read only after the time-consuming feature
@@ -342,14 +332,8 @@ void CheckPaths(const AutomaticReconstructorOptions& options) {
   }
 }
 
-// Options of later steps refer to the extracted images.
-void UseVideos(const fs::path& output_path, const Context& context,
-               AutomaticReconstructorOptions* options) {
-  SampleVideosInto(output_path, options->video_path, options->video, context);
-  options->image_path = (output_path / "images").string();
-}
-
-// The same for images of recordings, which also tell the rig.
+// Options of later steps refer to the images of recordings, which also tell the
+// rig.
 void UseRecording(const fs::path& output_path, const Context& context,
                   AutomaticReconstructorOptions* options) {
   const RecordingImportSummary summary = ImportRecordingInto(
@@ -374,7 +358,9 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   CheckPaths(options);
   const fs::path workspace = *options.workspace_path;
   if (!options.video_path->empty()) {
-    UseVideos(workspace / "videos", context, &options);
+    const fs::path videos = workspace / "videos";
+    SampleVideosInto(videos, options.video_path, options.video, context);
+    options.image_path = (videos / "images").string();
   }
   if (!options.recording_path->empty()) {
     UseRecording(workspace / "recording", context, &options);

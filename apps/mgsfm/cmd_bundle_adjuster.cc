@@ -14,10 +14,8 @@
 #include "math/statistics.h"
 #include "mgsfm/bundle_adjustment/bundle_adjustment.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
-#include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/model_scene.h"
-#include "mgsfm/rigs/rig_config.h"
 #include "model_file.h"
 #include "scene/observations.h"
 
@@ -68,15 +66,9 @@ ReprojectionErrors ComputeErrors(const Scene& scene,
   std::vector<double> errors_px;
   for (const Point3D& point : model.points) {
     for (const Observation& o : point.track) {
-      const auto pose = model.CamFromWorld(scene, o.image_idx);
-      if (!pose) continue;
-      const Image& image = scene.images[o.image_idx];
-      const Camera& camera = model.cameras[image.camera_idx];
-      const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
-                                        *pose * point.point_in_world);
-      if (!pixel) continue;
-      errors_px.push_back(
-          (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm());
+      const auto residual_px =
+          ResidualPx(scene, model, o, point.point_in_world);
+      if (residual_px) errors_px.push_back(residual_px->norm());
     }
   }
   ReprojectionErrors errors;
@@ -160,11 +152,10 @@ std::string Describe(const ModelScene& input, const BundleResult& result) {
 
 void LogInput(const ModelScene& input, const Context& context) {
   const Scene& scene = input.scene;
-  context.Info("rigs from " + input.rig_source + ": " +
-               std::to_string(scene.rigs.size()) + " rigs, " +
-               std::to_string(scene.frames.size()) + " frames, " +
-               std::to_string(scene.images.size()) + " images, " +
-               std::to_string(input.reconstruction.points.size()) + " points");
+  context.Info(Formatted(
+      "rigs from %s: %zu rigs, %zu frames, %zu images, %zu points",
+      input.rig_source.c_str(), scene.rigs.size(), scene.frames.size(),
+      scene.images.size(), input.reconstruction.points.size()));
 }
 
 void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
@@ -176,9 +167,10 @@ void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
   }
   warnings.Log(context);
   if (summary.num_invisible_observations > 0) {
-    context.Warning(std::to_string(summary.num_invisible_observations) +
-                    " observations are ignored, as their points do not "
-                    "project into the images");
+    context.Warning(
+        Formatted("%zu observations are ignored, as their points do not "
+                  "project into the images",
+                  summary.num_invisible_observations));
   }
 }
 
@@ -239,8 +231,7 @@ CommandResult RunBundleAdjuster(const BundleAdjusterOptions& given,
   }
   warnings.Log(context);
   WriteResult(input, result.estimate, options, context, &output);
-  CommandResult done(kExitSuccess);
-  done.text = Describe(input, result);
+  CommandResult done(kExitSuccess, Describe(input, result));
   done.has_files = true;
   return done;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <string>
-#include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
 #include "command.h"
@@ -85,9 +85,10 @@ std::vector<MergeInput> ReadList(const std::string& path) {
   while (lines.NextContent()) {
     std::vector<std::string> words = SplitFields(lines.line(), '\t');
     if (words.size() > 3) {
-      lines.Throw("has " + std::to_string(words.size()) +
-                  " columns; expected a path and optionally a prefix and a "
-                  "vehicle, separated by tabs");
+      lines.Throw(
+          Formatted("has %zu columns; expected a path and optionally a "
+                    "prefix and a vehicle, separated by tabs",
+                    words.size()));
     }
     words.resize(3);
     inputs.push_back({words[0], words[1], words[2]});
@@ -101,9 +102,9 @@ void SetEach(const std::string& text, const std::string& option,
   if (text.empty()) return;
   const std::vector<std::string> values = SplitFields(text, ',');
   if (values.size() != inputs->size()) {
-    throw Error("--" + option + " has " + std::to_string(values.size()) +
-                " values for " + std::to_string(inputs->size()) +
-                " databases; give one for each");
+    throw Error(
+        Formatted("--%s has %zu values for %zu databases; give one for each",
+                  option.c_str(), values.size(), inputs->size()));
   }
   for (size_t i = 0; i < values.size(); ++i) (*inputs)[i].*member = values[i];
 }
@@ -112,17 +113,16 @@ std::vector<MergeInput> ReadInputs(const DatabaseMergerOptions& options) {
   std::vector<MergeInput> inputs;
   for (const std::string& path :
        {*options.database_path1, *options.database_path2}) {
-    if (!path.empty()) inputs.push_back({path, "", ""});
+    if (!path.empty()) inputs.push_back({path});
   }
   for (const std::string& path : SplitList(options.database_path)) {
-    inputs.push_back({path, "", ""});
+    inputs.push_back({path});
   }
   SetEach(options.image_prefix, "image_prefix", &MergeInput::prefix, &inputs);
   SetEach(options.vehicle, "vehicle", &MergeInput::vehicle, &inputs);
   if (!options.database_list_path->empty()) {
-    for (MergeInput& input : ReadList(options.database_list_path)) {
-      inputs.push_back(std::move(input));
-    }
+    const std::vector<MergeInput> listed = ReadList(options.database_list_path);
+    inputs.insert(inputs.end(), listed.begin(), listed.end());
   }
   if (inputs.empty()) {
     throw Error(
@@ -136,25 +136,23 @@ int RunDatabaseMerger(const DatabaseMergerOptions& options,
                       const Context& context) {
   const DatabaseMergeSummary summary = MergeDatabases(
       ReadInputs(options), options.merged_database_path, context);
-  context.Info("merged: " + std::to_string(summary.num_images) + " images, " +
-               std::to_string(summary.num_pairs) + " pairs, " +
-               std::to_string(summary.num_rigs) + " rigs");
+  context.Info(Formatted("merged: %zu images, %zu pairs, %zu rigs",
+                         summary.num_images, summary.num_pairs,
+                         summary.num_rigs));
   return kExitSuccess;
 }
 
 }  // namespace
 
-Command DatabaseCleanerCommand() {
-  return MakeCommand(
-      "database_cleaner",
-      "Deletes matches, features, images or everything from a database.",
-      RunDatabaseCleaner);
-}
-
-Command DatabaseMergerCommand() {
-  return MakeCommand("database_merger",
-                     "Merges shards, or databases of different images.",
-                     RunDatabaseMerger);
+std::vector<Command> DatabaseCommands() {
+  return {
+      MakeCommand("database_merger",
+                  "Merges shards, or databases of different images.",
+                  RunDatabaseMerger),
+      MakeCommand(
+          "database_cleaner",
+          "Deletes matches, features, images or everything from a database.",
+          RunDatabaseCleaner)};
 }
 
 }  // namespace mgsfm

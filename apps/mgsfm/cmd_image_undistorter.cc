@@ -5,8 +5,10 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/parallel.h"
+#include "base/text_tools.h"
 #include "cmd_images.h"
 #include "command.h"
 #include "commands.h"
@@ -24,6 +26,7 @@ namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
 
 enum class UndistortionLayout {
   kColmap,
@@ -81,17 +84,10 @@ struct ImageUndistorterOptions {
   }
 };
 
-fs::path ModelFolder(UndistortionLayout layout) {
-  switch (layout) {
-    case UndistortionLayout::kColmap:
-    case UndistortionLayout::kMvs:
-      return "sparse";
-    case UndistortionLayout::kGaussianSplatting:
-      return fs::path("sparse") / "0";
-    case UndistortionLayout::kNerfstudio:
-      return fs::path("colmap") / "sparse" / "0";
-  }
-  return {};
+const char* ModelFolder(UndistortionLayout layout) {
+  return layout == UndistortionLayout::kGaussianSplatting ? "sparse/0"
+         : layout == UndistortionLayout::kNerfstudio      ? "colmap/sparse/0"
+                                                          : "sparse";
 }
 
 // Trainers drop the folders of cameras where they scale images or find masks.
@@ -102,17 +98,14 @@ ViewNaming NamingOf(UndistortionLayout layout) {
              : ViewNaming::kFolders;
 }
 
-fs::path Canonical(const fs::path& path) {
-  return fs::weakly_canonical(fs::absolute(path));
-}
-
 std::string CanonicalOrEmpty(const std::string& path) {
-  return path.empty() ? "" : Canonical(path).string();
+  if (path.empty()) return "";
+  return fs::weakly_canonical(fs::absolute(path)).string();
 }
 
 // ------------------------------------------------------------------- settings
 
-nlohmann::ordered_json ToJson(const Camera& camera) {
+Json ToJson(const Camera& camera) {
   return {{"model", FindCameraModel(static_cast<int32_t>(camera.model))->name},
           {"width", camera.width_px},
           {"height", camera.height_px},
@@ -125,9 +118,9 @@ std::string Settings(const ImageUndistorterOptions& options,
                      const Reconstruction& model,
                      const std::vector<std::vector<View>>& views_of_camera,
                      bool writes_masks) {
-  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  Json cameras = Json::array();
   for (size_t i = 0; i < model.cameras.size(); ++i) {
-    nlohmann::ordered_json views = nlohmann::ordered_json::array();
+    Json views = Json::array();
     for (const View& view : views_of_camera[i]) {
       views.push_back({{"name", view.name},
                        {"camera", ToJson(view.camera)},
@@ -136,8 +129,8 @@ std::string Settings(const ImageUndistorterOptions& options,
     cameras.push_back(
         {{"camera", ToJson(model.cameras[i])}, {"views", std::move(views)}});
   }
-  const nlohmann::ordered_json settings = {
-      {"image_path", Canonical(*options.image_path).string()},
+  const Json settings = {
+      {"image_path", CanonicalOrEmpty(options.image_path)},
       {"mask_path", CanonicalOrEmpty(options.mask_path)},
       {"camera_mask_path", CanonicalOrEmpty(options.camera_mask_path)},
       {"has_flat_names", NamingOf(options.output_type) == ViewNaming::kFlat},
@@ -177,8 +170,7 @@ void LogViews(const Scene& scene,
     }
     const Camera& camera = views.front().camera;
     context.Info(line + (views.size() > 1 ? "of " : "") +
-                 std::to_string(camera.width_px) + " x " +
-                 std::to_string(camera.height_px) + " px");
+                 SizeText(camera.width_px, camera.height_px) + " px");
   }
 }
 
@@ -283,8 +275,8 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
   WriteModelFile({{std::move(model.scene), std::move(model.reconstruction)},
                   tool_model.origin_wgs84},
                  ModelFormat::kBinary, context, &output);
-  context.Info("undistorted " + Describe(summary) + "; " +
-               std::to_string(num_images) + " images in the result");
+  context.Info("undistorted " + Describe(summary) +
+               Formatted("; %zu images in the result", num_images));
   return kExitSuccess;
 }
 

@@ -3,11 +3,7 @@
 
 #include <algorithm>
 #include <charconv>
-#include <filesystem>
-#include <optional>
-#include <string>
 #include <system_error>
-#include <vector>
 
 #include "base/file_reading.h"
 #include "base/format.h"
@@ -21,7 +17,6 @@
 #include "mapper_run.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/feature_database.h"
-#include "mgsfm/features/feature_extraction.h"
 #include "mgsfm/features/feature_import.h"
 #include "models/rows_to_scene.h"
 #include "rigs/image_times.h"
@@ -29,20 +24,21 @@
 namespace mgsfm {
 namespace {
 
+namespace fs = std::filesystem;
+
 // "96 images in 2.1 s, 45.2 images/s; ".
 std::string Rate(size_t num_images, double seconds) {
-  return std::to_string(num_images) +
-         Formatted(" images in %.1f s, %.3g images/s; ", seconds,
+  return Formatted("%zu images in %.1f s, %.3g images/s; ", num_images, seconds,
                    static_cast<double>(num_images) / std::max(seconds, 1e-9));
 }
 
 void LogSummary(const FeatureExtractionSummary& summary,
                 const Context& context) {
-  context.Info(std::to_string(summary.num_features) + " features of " +
-               Rate(summary.num_extracted, summary.seconds) +
-               std::to_string(summary.num_present) +
-               " images already had features, " +
-               std::to_string(summary.num_rejected) + " were rejected");
+  context.Info(Formatted(
+      "%zu features of %s%zu images already had features, %zu were rejected",
+      summary.num_features,
+      Rate(summary.num_extracted, summary.seconds).c_str(), summary.num_present,
+      summary.num_rejected));
 }
 
 }  // namespace
@@ -51,7 +47,7 @@ void ExtractInto(const std::string& database_path,
                  const std::string& image_path,
                  const FeatureExtractionOptions& options,
                  const std::optional<Share>& share, const Context& context) {
-  const bool is_new = !std::filesystem::exists(database_path);
+  const bool is_new = !fs::exists(database_path);
   std::optional<FeatureDatabase> database(std::in_place, database_path,
                                           FeatureDatabase::OpenMode::kOrCreate);
   try {
@@ -66,30 +62,28 @@ void ExtractInto(const std::string& database_path,
         is_new && database->ReadStructure(context).images.empty();
     database.reset();
     std::error_code ignored;
-    if (is_empty) std::filesystem::remove(database_path, ignored);
+    if (is_empty) fs::remove(database_path, ignored);
     throw;
   }
 }
 
-void SampleVideosInto(const std::filesystem::path& output_path,
+void SampleVideosInto(const fs::path& output_path,
                       const std::string& video_paths,
                       const VideoSamplingOptions& options,
                       const Context& context) {
   const VideoSamplingSummary summary =
       SampleVideos(SplitVideoPaths(video_paths), output_path, options, context);
-  const std::string seconds = Formatted("%.1f s", summary.seconds);
-  context.Info("extracted " + std::to_string(summary.num_written) +
-               " images of " + std::to_string(summary.num_frames) +
-               " frames in " + seconds + "; " +
-               std::to_string(summary.num_present) + " were already there");
+  context.Info(Formatted(
+      "extracted %zu images of %zu frames in %.1f s; %zu were already there",
+      summary.num_written, summary.num_frames, summary.seconds,
+      summary.num_present));
   context.Info("images are in " + (output_path / "images").string() +
                ", their times in " + (output_path / "timestamps.txt").string());
 }
 
 RecordingImportSummary ImportRecordingInto(
-    const std::filesystem::path& output_path,
-    const std::string& recording_paths, const RecordingImportOptions& options,
-    const Context& context) {
+    const fs::path& output_path, const std::string& recording_paths,
+    const RecordingImportOptions& options, const Context& context) {
   RecordingImportSummary summary = ImportRecording(
       SplitVideoPaths(recording_paths), output_path, options, context);
   context.Info("imported " + Rate(summary.num_written, summary.seconds) +
@@ -120,8 +114,8 @@ std::string Describe(const ImageRunSummary& summary) {
 
 void UseExifTimes(const std::string& image_path,
                   const std::vector<std::string>& names,
-                  const std::filesystem::path& output_path,
-                  const Context& context, SceneLoadingOptions* loading) {
+                  const fs::path& output_path, const Context& context,
+                  SceneLoadingOptions* loading) {
   const bool names_suffice = AllOf(names, [](const std::string& name) {
     return TimeInName(name).has_value();
   });
@@ -132,8 +126,7 @@ void UseExifTimes(const std::string& image_path,
   std::string lines = "# image_name SECONDS, of EXIF tags\n";
   for (const std::string& name : names) {
     context.CheckInterrupted();
-    const std::string path =
-        (std::filesystem::path(image_path) / name).string();
+    const std::string path = (fs::path(image_path) / name).string();
     const auto time_s = ReadTags(ReadImageFile(path), 1, 1).time_s;
     if (!time_s) {
       throw Error("image '" + path +
@@ -144,8 +137,7 @@ void UseExifTimes(const std::string& image_path,
         name + ' ' + FormatDouble(*time_s, std::chars_format::fixed, 6) + '\n';
   }
   std::error_code ignored;
-  if (std::filesystem::exists(output_path, ignored) &&
-      ReadFile(output_path) != lines) {
+  if (fs::exists(output_path, ignored) && ReadFile(output_path) != lines) {
     throw Error("'" + output_path.string() +
                 "' exists, but does not hold the times of the EXIF tags; set "
                 "image_timestamps_path to use it, or remove it");
@@ -205,12 +197,11 @@ int RunFeatureImporter(const FeatureImporterOptions& options,
                            FeatureDatabase::OpenMode::kOrCreate);
   const FeatureImportSummary summary =
       ImportFeatures(options.import, &database, context);
-  context.Info(std::to_string(summary.num_features) + " features of " +
-               std::to_string(summary.num_images - summary.num_present) +
-               " images, " + std::to_string(summary.num_present) +
-               " images already had features; " +
-               std::to_string(summary.num_matches) + " matches of " +
-               std::to_string(summary.num_pairs) + " pairs");
+  context.Info(
+      Formatted("%zu features of %zu images, %zu images already had features; "
+                "%zu matches of %zu pairs",
+                summary.num_features, summary.num_images - summary.num_present,
+                summary.num_present, summary.num_matches, summary.num_pairs));
   context.Info("next: verify the matches with geometric_verifier");
   return kExitSuccess;
 }
@@ -260,9 +251,8 @@ struct RecordingImporterOptions {
 CommandResult RunRecordingImporter(const RecordingImporterOptions& options,
                                    const Context& context) {
   if (options.output_path->empty()) {
-    CommandResult listed = kExitSuccess;
-    listed.text = ListTopics(SplitVideoPaths(options.recording_path), context);
-    return listed;
+    return {kExitSuccess,
+            ListTopics(SplitVideoPaths(options.recording_path), context)};
   }
   (void)ImportRecordingInto(*options.output_path, options.recording_path,
                             options.import, context);
@@ -355,7 +345,7 @@ SceneLoadingOptions WithExifTimes(const RigConfiguratorOptions& options,
   CheckImagePath(options.image_path);
   const std::vector<std::string> names =
       Transformed(database.ReadStructure(context).images, &ImageRow::name);
-  const std::filesystem::path path = *options.database_path;
+  const fs::path path = *options.database_path;
   UseExifTimes(options.image_path, names, path.parent_path() / "timestamps.txt",
                context, &rigs);
   return rigs;
@@ -367,54 +357,39 @@ int RunRigConfigurator(const RigConfiguratorOptions& options,
                            FeatureDatabase::OpenMode::kExisting);
   const RigConfigurationSummary summary = ConfigureRigs(
       WithExifTimes(options, database, context), &database, context);
-  context.Info("rigs from " + summary.rig_source + ": " +
-               std::to_string(summary.num_rigs) + " rigs of " +
-               std::to_string(summary.num_sensors) + " cameras, " +
-               std::to_string(summary.num_frames) + " frames, " +
-               std::to_string(summary.num_images) + " images");
+  context.Info(
+      Formatted("rigs from %s: %zu rigs of %zu cameras, %zu frames, %zu images",
+                summary.rig_source.c_str(), summary.num_rigs,
+                summary.num_sensors, summary.num_frames, summary.num_images));
   return kExitSuccess;
 }
 
 }  // namespace
 
-Command FeatureExtractorCommand() {
-  return MakeResumableCommand("feature_extractor",
-                              "Extracts SIFT features from images.",
-                              RunFeatureExtractor);
-}
-
-Command FeatureImporterCommand() {
-  return MakeCommand(
-      "feature_importer",
-      "Imports features and matches of other programs, in hloc's format.",
-      RunFeatureImporter);
-}
-
-Command VideoSamplerCommand() {
-  return MakeResumableCommand(
-      "video_sampler",
-      "Extracts images of videos, one video per camera of a rig.",
-      RunVideoSampler);
-}
-
-Command RecordingImporterCommand() {
-  return MakeResumableCommand(
-      "recording_importer",
-      "Imports images, calibration and positions of ROS bags and MCAP files.",
-      RunRecordingImporter);
-}
-
-Command ImageSplitterCommand() {
-  return MakeResumableCommand(
-      "image_splitter",
-      "Splits panoramas and dual fisheye images into the images of rigs.",
-      RunImageSplitter);
-}
-
-Command RigConfiguratorCommand() {
-  return MakeCommand("rig_configurator",
-                     "Writes rigs and frames to a database.",
-                     RunRigConfigurator);
+std::vector<Command> ImageCommands() {
+  return {
+      MakeResumableCommand("feature_extractor",
+                           "Extracts SIFT features from images.",
+                           RunFeatureExtractor),
+      MakeCommand(
+          "feature_importer",
+          "Imports features and matches of other programs, in hloc's format.",
+          RunFeatureImporter),
+      MakeResumableCommand(
+          "image_splitter",
+          "Splits panoramas and dual fisheye images into the images of rigs.",
+          RunImageSplitter),
+      MakeResumableCommand(
+          "video_sampler",
+          "Extracts images of videos, one video per camera of a rig.",
+          RunVideoSampler),
+      MakeResumableCommand(
+          "recording_importer",
+          "Imports images, calibration and positions of ROS bags and MCAP "
+          "files.",
+          RunRecordingImporter),
+      MakeCommand("rig_configurator", "Writes rigs and frames to a database.",
+                  RunRigConfigurator)};
 }
 
 }  // namespace mgsfm

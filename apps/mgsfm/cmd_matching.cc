@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <filesystem>
 #include <optional>
-#include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/ranges.h"
 #include "command.h"
@@ -18,9 +18,7 @@
 #include "matching/pair_matching.h"
 #include "matching/pair_selection.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/database/feature_database.h"
 #include "mgsfm/matching/matching.h"
-#include "mgsfm/models/scene_loading.h"
 #include "models/rows_to_scene.h"
 
 namespace mgsfm {
@@ -37,11 +35,11 @@ void MatchShareInto(const MatchingInputOptions& options,
     const PairMatchingSummary summary =
         MatchShare(input.database, input.scene, pairs, share, options.matching,
                    &*shard, context);
-    context.Info("share " + share.ToString() + ": " +
-                 std::to_string(summary.num_verified) + " of " +
-                 std::to_string(summary.num_pairs) + " pairs verified, " +
-                 std::to_string(summary.num_done) + " were in the database; " +
-                 std::to_string(pairs.size()) + " pairs in all shares");
+    context.Info(
+        Formatted("share %s: %zu of %zu pairs verified, %zu were in the "
+                  "database; %zu pairs in all shares",
+                  share.ToString().c_str(), summary.num_verified,
+                  summary.num_pairs, summary.num_done, pairs.size()));
   } catch (const Error&) {
     // A failed run leaves no empty shard.
     const bool is_empty = is_new && shard->CountMatches().empty();
@@ -65,9 +63,9 @@ MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
   }
   SceneOfRows rows = BuildSceneOfRows("database", std::move(contents),
                                       options.loading, context);
-  context.Info(std::to_string(rows.scene.images.size()) + " images in " +
-               std::to_string(rows.scene.frames.size()) +
-               " frames; rigs: " + rows.rig_source);
+  context.Info(Formatted("%zu images in %zu frames; rigs: %s",
+                         rows.scene.images.size(), rows.scene.frames.size(),
+                         rows.rig_source.c_str()));
   return {std::move(database), std::move(rows.scene)};
 }
 
@@ -82,10 +80,14 @@ void WarnOfFisheyes(const MatchingInput& input,
   warnings.Log(context);
 }
 
-int RunMatcher(
-    const MatchingInputOptions& options, const Context& context,
-    const std::function<void(MatchingInput*)>& match,
-    const std::function<ImagePairList(const MatchingInput&)>& select) {
+namespace {
+
+// The two ways to run a matching command: match(&input) matches all pairs into
+// the database; or a share of the pairs that select(input) returns is matched
+// into a shard. Returns an ExitCode.
+template <class MatchPairs, class SelectPairs>
+int RunMatcher(const MatchingInputOptions& options, const Context& context,
+               const MatchPairs& match, const SelectPairs& select) {
   if (options.shard->empty() != options.shard_path->empty()) {
     throw Error(
         "--shard and --shard_path belong together: the share of the "
@@ -102,9 +104,8 @@ int RunMatcher(
     WarnOfFisheyes(input, options.matching, context);
     return kExitSuccess;
   }
-  const std::optional<Share> share =
-      options.shard->empty() ? std::nullopt
-                             : std::optional(ParseShare(options.shard));
+  std::optional<Share> share;
+  if (!options.shard->empty()) share = ParseShare(options.shard);
   const MatchingInput input =
       OpenMatchingInput(options, context, FeatureDatabase::OpenMode::kReadOnly);
   const ImagePairList pairs = select(input);
@@ -117,8 +118,6 @@ int RunMatcher(
   context.Info(std::to_string(pairs.size()) + " pairs selected");
   return kExitSuccess;
 }
-
-namespace {
 
 // The options of a matching command: the common ones and those of its method,
 // which can match all pairs of a database and select them.
@@ -353,55 +352,37 @@ int RunVocabTreeBuilder(const VocabTreeBuilderOptions& options,
   }
   database.CheckUnchanged();
   vocabulary->Write(options.vocab_tree_path);
-  context.Info(std::to_string(vocabulary->num_words()) + " visual words from " +
-               std::to_string(scene.images.size()) + " images");
+  context.Info(Formatted("%d visual words from %zu images",
+                         vocabulary->num_words(), scene.images.size()));
   return kExitSuccess;
 }
 
 }  // namespace
 
-Command ExhaustiveMatcherCommand() {
-  return MakeResumableCommand("exhaustive_matcher",
-                              "Matches all pairs of images.",
-                              RunMatcherOf<ExhaustiveMethod>);
-}
-
-Command SequentialMatcherCommand() {
-  return MakeResumableCommand(
-      "sequential_matcher",
-      "Matches consecutive images of a moving rig and closes loops.",
-      RunMatcherOf<SequentialMethod>);
-}
-
-Command VocabTreeMatcherCommand() {
-  return MakeResumableCommand("vocab_tree_matcher",
-                              "Matches each image with the most similar ones.",
-                              RunMatcherOf<VocabTreeMethod>);
-}
-
-Command SpatialMatcherCommand() {
-  return MakeResumableCommand("spatial_matcher",
-                              "Matches images with nearby position priors.",
-                              RunMatcherOf<SpatialMethod>);
-}
-
-Command MatchesImporterCommand() {
-  return MakeResumableCommand("matches_importer",
-                              "Imports pairs or matches from a text file.",
-                              RunMatchesImporter);
-}
-
-Command GeometricVerifierCommand() {
-  return MakeResumableCommand(
-      "geometric_verifier",
-      "Verifies the matches of a database, for any kind of features.",
-      RunGeometricVerifier);
-}
-
-Command VocabTreeBuilderCommand() {
-  return MakeCommand("vocab_tree_builder",
-                     "Trains a vocabulary tree for image retrieval.",
-                     RunVocabTreeBuilder);
+std::vector<Command> MatchingCommands() {
+  return {
+      MakeResumableCommand(
+          "sequential_matcher",
+          "Matches consecutive images of a moving rig and closes loops.",
+          RunMatcherOf<SequentialMethod>),
+      MakeResumableCommand("exhaustive_matcher", "Matches all pairs of images.",
+                           RunMatcherOf<ExhaustiveMethod>),
+      MakeResumableCommand("vocab_tree_matcher",
+                           "Matches each image with the most similar ones.",
+                           RunMatcherOf<VocabTreeMethod>),
+      MakeResumableCommand("spatial_matcher",
+                           "Matches images with nearby position priors.",
+                           RunMatcherOf<SpatialMethod>),
+      MakeCommand("vocab_tree_builder",
+                  "Trains a vocabulary tree for image retrieval.",
+                  RunVocabTreeBuilder),
+      MakeResumableCommand("matches_importer",
+                           "Imports pairs or matches from a text file.",
+                           RunMatchesImporter),
+      MakeResumableCommand(
+          "geometric_verifier",
+          "Verifies the matches of a database, for any kind of features.",
+          RunGeometricVerifier)};
 }
 
 }  // namespace mgsfm

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <functional>
 #include <string>
 
-#include "matching/pair_selection.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/database/feature_database.h"
@@ -52,14 +50,6 @@ struct MatchingInput {
 MatchingInput OpenMatchingInput(
     const MatchingInputOptions& options, const Context& context,
     FeatureDatabase::OpenMode mode = FeatureDatabase::OpenMode::kExisting);
-
-// The two ways to run a matching command: `match` matches all pairs into the
-// database; or a share of the pairs that `select` returns is matched into a
-// shard. Returns an ExitCode.
-int RunMatcher(
-    const MatchingInputOptions& options, const Context& context,
-    const std::function<void(MatchingInput*)>& match,
-    const std::function<ImagePairList(const MatchingInput&)>& select);
 
 // Warns of fisheyes with a perspective camera model. Runs after matching,
 // because verified matches reveal them.

@@ -192,23 +192,17 @@ ReferencePositions ReadReference(const ModelAlignerOptions& options,
   const std::vector<size_t> idxs =
       FindImages(scene, all, options.database_path);
   if (options.alignment_type != AlignmentType::kPlane) {
-    PositionPriors positions =
+    reference.positions =
         ReadPositionPriors(all, options.database_path, prior_options);
-    reference.positions.origin_wgs84 = positions.origin_wgs84;
-    reference.positions.num_null_fixes = positions.num_null_fixes;
-    for (const size_t i : idxs) {
-      reference.positions.images.push_back(positions.images[i]);
-    }
+    SelectImages(idxs, &reference.positions.images);
   }
   if (options.use_prior_gravity) {
-    const GravityPriors gravity =
-        ReadGravity(all, options.database_path, prior_options);
-    for (const size_t i : idxs) {
-      reference.gravity.images.push_back(gravity.images[i]);
-    }
+    reference.gravity = ReadGravity(all, options.database_path, prior_options);
+    SelectImages(idxs, &reference.gravity.images);
   }
   return reference;
 }
+
 bool NeedsGps(AlignmentType type) {
   return type != AlignmentType::kCustom && type != AlignmentType::kPlane;
 }
@@ -249,11 +243,11 @@ void CheckUsage(const ModelAlignerOptions& options) {
 void CheckCount(size_t num_images, const std::string& reference,
                 const ModelAlignerOptions& options) {
   if (num_images >= static_cast<size_t>(options.min_common_images)) return;
-  throw Error("only " + std::to_string(num_images) + " images of '" +
-              *options.input_path + "' have a reference in '" + reference +
-              "', fewer than --min_common_images " +
-              std::to_string(options.min_common_images) +
-              "; check that the image names agree");
+  throw Error(
+      Formatted("only %zu images of '%s' have a reference in '%s', fewer than "
+                "--min_common_images %d; check that the image names agree",
+                num_images, options.input_path->c_str(), reference.c_str(),
+                *options.min_common_images));
 }
 
 // The transform of a world that moved the frames from `before` to `after`.
@@ -302,26 +296,26 @@ std::optional<Eigen::Vector3d> MeasuredUp(const ReferencePositions& reference,
   return -gravity->down_in_world;
 }
 
-// Distances of the images with a position, in the order of their names.
-std::vector<double> DistancesFrom(const PositionPriors& positions,
-                                  const SceneModel& model) {
-  std::vector<double> distances;
+// The offsets of the positions of images from the model, in the order of the
+// names of the images.
+std::vector<Eigen::Vector3d> OffsetsOf(const PositionPriors& positions,
+                                       const SceneModel& model) {
+  std::vector<Eigen::Vector3d> offsets;
   for (size_t i = 0; i < positions.images.size(); ++i) {
     const auto pose =
         model.reconstruction.CamFromWorld(model.scene, static_cast<int>(i));
     if (!positions.images[i] || !pose) continue;
-    distances.push_back((positions.images[i]->PointInWorld(*pose) -
-                         positions.images[i]->position)
-                            .norm());
+    offsets.emplace_back(positions.images[i]->position -
+                         positions.images[i]->PointInWorld(*pose));
   }
-  return distances;
+  return offsets;
 }
 
 // The reference of the alignment, for messages.
 struct Reference {
   std::string path;
-  std::string items;  // "positions"
-  double max_error = 0.0;
+  const char* items;  // "positions"
+  double max_error;
 };
 
 // Throws Error unless enough reference positions or images agree with the
@@ -333,18 +327,16 @@ void CheckAgreement(const ModelAlignerOptions& options,
   size_t num_used = 0;
   double squared_sum = 0.0;
   for (const double distance : distances) {
-    const bool is_used =
-        !options.robust_alignment || distance <= reference.max_error;
-    if (!is_used) continue;
+    if (options.robust_alignment && !(distance <= reference.max_error))
+      continue;
     ++num_used;
     squared_sum += distance * distance;
   }
   const double min_num_used = std::max<double>(
       options.min_common_images,
       options.min_inlier_ratio * static_cast<double>(distances.size()));
-  const std::string found = std::to_string(num_used) + " of " +
-                            std::to_string(distances.size()) + ' ' +
-                            reference.items;
+  const std::string found =
+      Formatted("%zu of %zu %s", num_used, distances.size(), reference.items);
   if (static_cast<double>(num_used) < min_num_used) {
     throw Error(
         "'" + *options.input_path + "' differs in shape from '" +
@@ -356,26 +348,10 @@ void CheckAgreement(const ModelAlignerOptions& options,
         "--alignment_max_error, --min_inlier_ratio and "
         "--min_common_images");
   }
-  const std::string numbers =
-      Formatted(", RMS distance %.4g, median %.4g",
-                std::sqrt(squared_sum / static_cast<double>(num_used)),
-                Median(distances));
-  context.Info("aligned to " + found + numbers);
-}
-
-// The shift that moves the first image with a position to this position.
-Sim3 ShiftToFirstPosition(const PositionPriors& positions,
-                          const SceneModel& model) {
-  Sim3 shift;
-  for (size_t i = 0; i < positions.images.size(); ++i) {
-    const auto pose =
-        model.reconstruction.CamFromWorld(model.scene, static_cast<int>(i));
-    if (!positions.images[i] || !pose) continue;
-    shift.translation = positions.images[i]->position -
-                        positions.images[i]->PointInWorld(*pose);
-    break;
-  }
-  return shift;
+  context.Info(Formatted("aligned to %s, RMS distance %.4g, median %.4g",
+                         found.c_str(),
+                         std::sqrt(squared_sum / static_cast<double>(num_used)),
+                         Median(distances)));
 }
 
 Eigen::Vector3d MeanPoint(const SceneModel& model) {
@@ -437,11 +413,11 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ModelFile* input,
   }
   const auto num_positions = static_cast<size_t>(
       CountIf(positions.images, [](const auto& p) { return p.has_value(); }));
-  context.Info("'" + reference_path + "' has " +
-               (positions.origin_wgs84 ? "latitudes and longitudes"
-                                       : "Cartesian positions") +
-               " of " + std::to_string(num_positions) + " of " +
-               std::to_string(scene.images.size()) + " images");
+  context.Info(Formatted("'%s' has %s of %zu of %zu images",
+                         reference_path.c_str(),
+                         positions.origin_wgs84 ? "latitudes and longitudes"
+                                                : "Cartesian positions",
+                         num_positions, scene.images.size()));
   CheckCount(num_positions, reference_path, options);
   const Reconstruction before = input->model.reconstruction;
   const PositionRegistration registration =
@@ -456,15 +432,19 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ModelFile* input,
                 reference_path + "': " + registration.summary.message +
                 " Set --alignment_max_error to the accuracy of the positions.");
   }
-  CheckAgreement(options,
-                 {reference_path, "positions", options.alignment_max_error},
-                 DistancesFrom(positions, input->model), context);
+  const std::vector<Eigen::Vector3d> offsets =
+      OffsetsOf(positions, input->model);
+  CheckAgreement(
+      options, {reference_path, "positions", options.alignment_max_error},
+      Transformed(offsets, [](const auto& offset) { return offset.norm(); }),
+      context);
   if (!registration.summary.message.empty()) {
     context.Warning(registration.summary.message);
   }
   if (options.merge_image_and_ref_origins) {
-    TransformWorld(ShiftToFirstPosition(positions, input->model),
-                   &input->model.reconstruction);
+    Sim3 shift;
+    shift.translation = offsets.front();
+    TransformWorld(shift, &input->model.reconstruction);
   }
   input->origin_wgs84 = positions.origin_wgs84;
   const double scale = FindTransform(before, input->model.reconstruction).scale;
@@ -519,12 +499,11 @@ Sim3 Align(const ModelAlignerOptions& options, ModelFile* input,
 
 std::string TransformText(const Sim3& transform) {
   const Eigen::Quaterniond& q = transform.rotation;
-  std::string text;
-  for (const double value :
-       {transform.scale, q.w(), q.x(), q.y(), q.z(), transform.translation.x(),
-        transform.translation.y(), transform.translation.z()}) {
-    text += (text.empty() ? "" : " ") +
-            FormatDouble(value, std::chars_format::general, 17);
+  const Eigen::Vector3d& t = transform.translation;
+  std::string text =
+      FormatDouble(transform.scale, std::chars_format::general, 17);
+  for (const double value : {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()}) {
+    text += ' ' + FormatDouble(value, std::chars_format::general, 17);
   }
   return text + '\n';
 }

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <filesystem>
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
@@ -100,18 +101,14 @@ const ExchangeFormat& FindFormat(const std::string& name) {
   const ExchangeFormat* format = FindExchangeFormat(name);
   if (format != nullptr) return *format;
   std::vector<std::string> names = ExchangeFormatNames();
-  std::string list;
-  for (const std::string& known : names) list += ", " + known;
+  const std::string list = Joined(names, ", ");
   names.insert(names.end(), {"bin", "txt"});
   throw Error("unknown --output_type '" + name + "'" +
-              SuggestName(name, names) + "; the types are bin, txt" + list);
+              SuggestName(name, names) + "; the types are bin, txt, " + list);
 }
 
 Eigen::Vector3d ParseOrigin(const std::string& text) {
-  std::vector<std::optional<double>> values;
-  for (const std::string& item : SplitFields(text, ',')) {
-    values.push_back(ParseDouble(item));
-  }
+  const auto values = Transformed(SplitFields(text, ','), ParseDouble);
   if (values.size() != 3 || !values[0] || !values[1] || !values[2]) {
     throw Error("--origin '" + text +
                 "' is not latitude,longitude,altitude, such as 47.37,8.54,408");
@@ -121,54 +118,48 @@ Eigen::Vector3d ParseOrigin(const std::string& text) {
   return origin;
 }
 
-// Throws Error before anything is written if one of the files cannot be
-// written.
-void CheckTargets(const std::vector<std::string>& paths) {
-  for (const std::string& path : paths) {
-    const std::string name = fs::path(path).filename();
-    if (IsModelFileName(name) && name != "rig_config.json") {
-      throw Error("'" + path +
-                  "' (--output_path) is the name of a file of a model; choose "
-                  "another output_path");
-    }
-    if (fs::is_directory(path)) {
-      throw Error("'" + path +
-                  "' (--output_path) is a folder; choose a file in it");
-    }
+// Throws Error if the file cannot be written.
+void CheckTarget(const std::string& path) {
+  const std::string name = fs::path(path).filename();
+  if (IsModelFileName(name) && name != "rig_config.json") {
+    throw Error("'" + path +
+                "' (--output_path) is the name of a file of a model; choose "
+                "another output_path");
+  }
+  if (fs::is_directory(path)) {
+    throw Error("'" + path +
+                "' (--output_path) is a folder; choose a file in it");
   }
 }
 
+// Checks all files before it writes the first.
 void WriteFiles(const std::vector<ExportedFile>& files,
                 const std::string& output_path, const Context& context) {
-  std::vector<std::string> paths;
-  for (const ExportedFile& file : files) {
-    paths.push_back(output_path + file.suffix);
-  }
-  CheckTargets(paths);
+  for (const auto& [suffix, content] : files) CheckTarget(output_path + suffix);
   context.CheckInterrupted();
-  for (size_t i = 0; i < files.size(); ++i) {
-    const bool is_in_folder = files[i].suffix.find('/') != std::string::npos;
-    if (is_in_folder) fs::create_directories(fs::path(paths[i]).parent_path());
-    ReplaceFile(paths[i], files[i].content);
-    context.Info("written: " + paths[i]);
+  for (const auto& [suffix, content] : files) {
+    const std::string path = output_path + suffix;
+    const bool is_in_folder = suffix.find('/') != std::string::npos;
+    if (is_in_folder) fs::create_directories(fs::path(path).parent_path());
+    ReplaceFile(path, content);
+    context.Info("written: " + path);
   }
 }
 
 [[noreturn]] void ThrowUnknownInput(const ModelConverterOptions& options) {
   std::vector<std::string> names = ImportFormatNames();
   names.insert(names.end(), {"tum", "kitti", "euroc"});
-  std::string list;
-  for (const std::string& name : names) list += ", " + name;
+  const std::string list = Joined(names, ", ");
   if (*options.input_type == "auto") {
     throw Error(
         "'" + *options.input_path +
         "' is not a folder, and its extension does not tell its format; "
-        "give --input_type, one of" +
-        list.substr(1));
+        "give --input_type, one of " +
+        list);
   }
   throw Error("unknown --input_type '" + *options.input_type + "'" +
-              SuggestName(options.input_type, names) + "; the types are auto" +
-              list);
+              SuggestName(options.input_type, names) +
+              "; the types are auto, " + list);
 }
 
 std::optional<PositionFileFormat> FindTrajectoryFormat(
@@ -236,8 +227,8 @@ ModelFile PlaceOnTrajectory(const ModelConverterOptions& options,
     model.rig_from_world[frame_idx] = rig_from_world;
   }
   CheckConvention(loaded, model, options, format);
-  context.Info(std::to_string(poses.size()) + " of " +
-               std::to_string(scene.frames.size()) + " frames have a pose");
+  context.Info(Formatted("%zu of %zu frames have a pose", poses.size(),
+                         scene.frames.size()));
   return {{std::move(scene), std::move(model)}, {}};
 }
 
@@ -287,8 +278,7 @@ void MoveToBody(const ModelConverterOptions& options, SceneModel* model) {
   if (path.empty()) return;
   const std::vector<std::string> types = {"tum", "kitti", "euroc", "geojson",
                                           "kml"};
-  const bool is_trajectory =
-      std::count(types.begin(), types.end(), ToLower(options.output_type)) > 0;
+  const bool is_trajectory = Contains(types, ToLower(options.output_type));
   if (!is_trajectory || options.poses != TrajectoryPoses::kFrame) {
     CheckIsUnused(options.body_calibration,
                   "tum, kitti, euroc, geojson and kml output with poses frame");

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <ostream>
@@ -102,9 +101,7 @@ CommandResult RunModelAnalyzer(const ModelAnalyzerOptions& options,
   TextOutput text;
   Describe(AnalyzeModel(input.model), text);
   DescribeRigs(input.model, text);
-  CommandResult result(kExitSuccess);
-  result.text = text.str();
-  return result;
+  return {kExitSuccess, text.str()};
 }
 
 struct ModelCropperOptions : ModelEditOptions {
@@ -231,15 +228,15 @@ int RunImageDeleter(const ImageDeleterOptions& options,
   }
   const std::string& path = options.input_path;
   const std::string size = EditModel(options, context, [&](ModelFile* file) {
-    std::vector<std::string> names, ids;
-    for (const Image& image : file->model.scene.images) {
-      names.push_back(image.name);
-      ids.push_back(std::to_string(image.id.value()));
-    }
+    const std::vector<Image>& images = file->model.scene.images;
+    const auto names = Transformed(images, &Image::name);
+    const auto ids = Transformed(images, [](const Image& image) {
+      return std::to_string(image.id.value());
+    });
     Mask keeps_image(names.size(), true);
     MarkDeleted(options.image_names_path, names, path, &keeps_image);
     MarkDeleted(options.image_ids_path, ids, path, &keeps_image);
-    if (std::count(keeps_image.begin(), keeps_image.end(), true) == 0) {
+    if (!keeps_image.Any()) {
       throw Error("all images of '" + path +
                   "' are listed; nothing would be left");
     }
@@ -342,22 +339,16 @@ Command ModelAnalyzerCommand() {
                      RunModelAnalyzer);
 }
 
-Command ModelCropperCommand() {
-  return MakeCommand(
-      "model_cropper",
-      "Keeps the points in a box and the frames that observe them.",
-      RunModelCropper);
-}
-
-Command ImageDeleterCommand() {
-  return MakeCommand("image_deleter", "Deletes images from a model.",
-                     RunImageDeleter);
-}
-
-Command ModelSplitterCommand() {
-  return MakeCommand("model_splitter",
-                     "Splits a model into overlapping ones of whole frames.",
-                     RunModelSplitter);
+std::vector<Command> ModelEditCommands() {
+  return {
+      MakeCommand("model_splitter",
+                  "Splits a model into overlapping ones of whole frames.",
+                  RunModelSplitter),
+      MakeCommand("model_cropper",
+                  "Keeps the points in a box and the frames that observe them.",
+                  RunModelCropper),
+      MakeCommand("image_deleter", "Deletes images from a model.",
+                  RunImageDeleter)};
 }
 
 }  // namespace mgsfm

@@ -87,18 +87,13 @@ struct EvaluatorOptions {
   }
 };
 
-[[noreturn]] void ThrowNotPositive(const std::string& name,
-                                   const std::string& item) {
-  throw Error("--" + name + ": '" + item + "' is not a positive number");
-}
-
 std::vector<double> ParseThresholds(const std::string& name,
                                     const std::string& list) {
   std::vector<double> thresholds;
   for (const std::string& item : SplitList(list)) {
     const std::optional<double> value = ParseDouble(item);
     if (!value || !(*value > 0.0)) {
-      ThrowNotPositive(name, item);
+      throw Error("--" + name + ": '" + item + "' is not a positive number");
     }
     thresholds.push_back(*value);
   }
@@ -169,15 +164,11 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
     ReplaceFile(*options.json, EvaluationToJson(evaluation));
   }
   if (!options.svg_path->empty()) {
-    EvaluationLabels labels;
-    labels.length_unit = LengthUnitName(evaluation);
     ReplaceFile(*options.svg_path,
-                EvaluationToSvg(comparison.images, evaluation, labels));
+                EvaluationToSvg(comparison.images, evaluation));
   }
-  CommandResult result(kExitSuccess);
-  result.text = EvaluationToText(evaluation);
-  result.json = EvaluationToJson(evaluation);
-  return result;
+  return {kExitSuccess, EvaluationToText(evaluation),
+          EvaluationToJson(evaluation)};
 }
 
 }  // namespace

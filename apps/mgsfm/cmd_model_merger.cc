@@ -1,17 +1,604 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <system_error>
 #include <utility>
+#include <vector>
 
+#include "base/file_reading.h"
 #include "base/format.h"
+#include "base/grouped_warnings.h"
+#include "base/memory.h"
+#include "base/ranges.h"
 #include "command.h"
 #include "commands.h"
+#include "files/file_operations.h"
+#include "files/model_files.h"
 #include "files/staged_output.h"
-#include "join_run.h"
-#include "mgsfm/base/context.h"
+#include "fleet/sub_maps.h"
+#include "mapper/joined_model.h"
+#include "mapper_run.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+#include "mgsfm/mapper/report.h"
 #include "model_file.h"
+#include "partition_run.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
+
+namespace fs = std::filesystem;
+
+struct ModelMergerOptions {
+  Option<std::string> input_path1{
+      "input_path1", "",
+      "Merge the model in this folder with the second one. The result keeps "
+      "its world and poses."};
+  Option<std::string> input_path2{
+      "input_path2", "",
+      "Merge the model in this folder, reconstructed from the same database."};
+  Option<std::string> output_path{"output_path", "", Required(),
+                                  "Write the merged model, or the models 0, 1, "
+                                  "... of sub-maps, into this folder."};
+  Option<bool> graph{"graph", false,
+                     "Join any number of sub-maps, such as the clusters of "
+                     "mapper --partition, "
+                     "and adjust the result."};
+  Option<std::string> input_path{
+      "input_path", "",
+      "Join the sub-maps in this folder with graph: an output folder of the "
+      "mapper for each cluster, named 0, 1, ..."};
+  Option<std::string> cluster_path{
+      "cluster_path", "",
+      "Report clusters without a model by their names in this folder of mapper "
+      "--partition, with graph."};
+  Option<std::string> database_path{
+      "database_path", "",
+      "Close loops between clusters with the matches of this database, with "
+      "graph. It is not changed."};
+  Option<bool> refine{"refine", true, "Adjust the joined models of graph."};
+  Option<std::string> image_path{
+      "image_path", "",
+      "Color the points of the joined models of graph by the images in this "
+      "folder. Without it, points keep the colors of the sub-maps."};
+  Option<bool> compute_covariances{
+      "compute_covariances", false,
+      "Compute the covariances of the joined models of graph, as the mapper "
+      "does."};
+  Option<bool> write_report{
+      "write_report", true,
+      "Write report.html, a page to inspect a model, into the folder of each "
+      "joined model of graph."};
+  Option<int> max_memory_mib{
+      "max_memory", 0, AtLeast(0), "MiB",
+      "Adjust the joined models of graph within this memory, by a selection of "
+      "their tracks if necessary. 0: no limit."};
+  Option<int> min_common_images{
+      "min_common_images", 3, AtLeast(3), "images",
+      "Require this many common images, or cameras in common frames."};
+  Option<double> max_reproj_error{
+      "max_reproj_error", 64.0, GreaterThan(0.0), "px",
+      "Remove observations with larger errors from the merged model."};
+  Option<ModelFormat> output_format = ModelFormatOption();
+  ModelRigOptions rigs;
+  JoinOptions join;
+  PosePriorOptions priors;
+  BundleAdjustmentOptions bundle_adjustment;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input_path1, input_path2, output_path, min_common_images,
+          max_reproj_error, output_format, rigs, graph, input_path,
+          cluster_path, database_path, image_path, write_report, refine,
+          compute_covariances, max_memory_mib, priors);
+    visit.Group("Join", join);
+    visit.Group("BundleAdjustment", bundle_adjustment);
+  }
+};
+
+using Json = nlohmann::ordered_json;
+
+struct SubMapFiles {
+  std::vector<std::string> folders;  // of the models that exist
+  std::vector<int> clusters;         // per folder
+  std::vector<std::string> missing;  // folders of clusters without models
+};
+
+// Folders named by numbers, ascending. None if `folder` does not exist.
+std::vector<int> NumberedFolders(const fs::path& folder) {
+  std::vector<int> numbers;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    const fs::path name = it->path().filename();
+    if (IsModelFolderName(name) && it->is_directory()) {
+      numbers.push_back(std::stoi(name.string()));
+    }
+  }
+  if (error && error != std::errc::no_such_file_or_directory &&
+      error != std::errc::not_a_directory) {
+    throw Error("cannot read the folder '" + folder.string() +
+                "': " + error.message() + "; check its disk and permissions");
+  }
+  std::sort(numbers.begin(), numbers.end());
+  return numbers;
+}
+
+SubMapFiles FindSubMaps(const ModelMergerOptions& options) {
+  SubMapFiles files;
+  std::vector<int> clusters = NumberedFolders(*options.input_path);
+  if (!options.cluster_path->empty()) {
+    clusters = Indices(CountClusters(*options.cluster_path));
+  }
+  for (const int cluster : clusters) {
+    const fs::path folder =
+        fs::path(*options.input_path) / std::to_string(cluster);
+    // Folders of model_splitter are models themselves.
+    bool has_model =
+        fs::is_directory(folder) && ListFolder(folder).HoldsModel();
+    if (has_model) {
+      files.folders.push_back(folder.string());
+      files.clusters.push_back(cluster);
+    }
+    for (const int model : NumberedFolders(folder)) {
+      const fs::path path = folder / std::to_string(model);
+      if (!ListFolder(path).HoldsModel()) continue;
+      files.folders.push_back(path.string());
+      files.clusters.push_back(cluster);
+      has_model = true;
+    }
+    if (has_model) continue;
+    files.missing.push_back(folder.string());
+  }
+  return files;
+}
+
+// Facts about a sub-map that its run reports beside its model.
+struct SubMapFacts {
+  std::vector<std::pair<std::string, Rigid3>> cam_from_world;  // by image name
+  // Whether its world is that of measured positions, and the origin of GPS.
+  bool is_registered = false;
+  std::optional<Eigen::Vector3d> origin_wgs84;
+  bool used_gravity = false;
+};
+
+// The report of the run of a sub-map may be missing.
+SubMapFacts ReadFacts(const fs::path& folder) {
+  SubMapFacts facts;
+  for (const ModelImage& image : ReadModelPoses(folder).images) {
+    facts.cam_from_world.emplace_back(image.name, image.cam_from_world);
+  }
+  facts.origin_wgs84 = ReadGeoOrigin(folder.string());
+  facts.is_registered = facts.origin_wgs84.has_value();
+  const fs::path path = folder.parent_path() / kReportFileName;
+  if (!fs::is_regular_file(path) || !IsModelFolderName(folder.filename())) {
+    return facts;
+  }
+  const Json report = Json::parse(ReadFile(path), nullptr, false);
+  const Json::json_pointer entry("/models/" + folder.filename().string());
+  if (report.is_discarded() || !report.contains(entry)) return facts;
+  const Json& model = report[entry];
+  facts.used_gravity = model.contains("gravity");
+  const Json::json_pointer registered("/position_priors/is_registered");
+  facts.is_registered |= model.value(registered, false);
+  return facts;
+}
+
+// Pairs of images that are both in models, but not in the same model.
+std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
+                                      const std::vector<SubMapFacts>& facts,
+                                      const Context& context) {
+  if (database_path.empty()) return {};
+  std::map<std::string, std::set<size_t>> sub_maps_of;  // by image
+  DatabaseSelection selection;
+  for (size_t m = 0; m < facts.size(); ++m) {
+    for (const auto& [name, pose] : facts[m].cam_from_world) {
+      sub_maps_of[name].insert(m);
+      selection.image_names.insert(name);
+    }
+  }
+  selection.has_keypoints = false;
+  selection.has_pair = [&](const std::string& name1, const std::string& name2) {
+    const std::set<size_t>& of2 = sub_maps_of.at(name2);
+    return NoneOf(sub_maps_of.at(name1),
+                  [&](size_t m) { return of2.count(m) > 0; });
+  };
+  DatabaseContents contents = ReadDatabase(database_path, context, selection);
+  std::map<ImageId, std::string> name_of_id;
+  for (const ImageRow& image : contents.images) {
+    name_of_id.emplace(image.id, image.name);
+  }
+  std::vector<CrossPair> pairs;
+  for (TwoViewGeometryRow& row : contents.pairs) {
+    pairs.push_back({name_of_id.at(row.image_id1), name_of_id.at(row.image_id2),
+                     std::move(row.matches)});
+  }
+  SortBy(&pairs, [](const CrossPair& a) { return std::tie(a.name1, a.name2); });
+  return pairs;
+}
+
+JoinedMaps Join(const ModelMergerOptions& options, const SubMapFiles& files,
+                const std::vector<SubMapFacts>& facts, const Context& context) {
+  const std::vector<CrossPair> pairs =
+      ReadCrossPairs(*options.database_path, facts, context);
+  std::vector<SceneModel> models;
+  for (const std::string& folder : files.folders) {
+    models.push_back(ReadModelFile(folder, options.rigs, context).model);
+  }
+  return JoinSubMaps(std::move(models), pairs, options.join, context);
+}
+
+Json DescribeEdge(const SubMapEdge& edge) {
+  Json json{{"sub_maps", {edge.sub_map1, edge.sub_map2}},
+            {"num_common_images", edge.num_common_images},
+            {"num_points", edge.num_points},
+            {"scale", edge.first_from_second.scale},
+            {"is_used", edge.is_used}};
+  if (edge.drift) json["drift"] = *edge.drift;
+  if (edge.rotation_error_deg) {
+    json["rotation_error_deg"] = *edge.rotation_error_deg;
+  }
+  return json;
+}
+
+Json DescribeSubMaps(const SubMapFiles& files, const JoinedMaps& joined) {
+  Json json{{"sub_maps", Json::array()}};
+  for (size_t i = 0; i < files.folders.size(); ++i) {
+    Json sub_map{{"path", files.folders[i]}, {"cluster", files.clusters[i]}};
+    if (!joined.conflicts[i].empty()) sub_map["conflict"] = joined.conflicts[i];
+    json["sub_maps"].push_back(std::move(sub_map));
+  }
+  json["missing_clusters"] = files.missing;
+  json["edges"] = Json::array();
+  for (const SubMapEdge& edge : joined.edges) {
+    json["edges"].push_back(DescribeEdge(edge));
+  }
+  json["num_loop_points"] = joined.num_loop_points;
+  return json;
+}
+
+void LogEdges(const SubMapFiles& files, const JoinedMaps& joined,
+              const Context& context) {
+  for (const SubMapEdge& edge : joined.edges) {
+    const std::string maps = "'" + files.folders[edge.sub_map1] + "' and '" +
+                             files.folders[edge.sub_map2] + "'";
+    if (edge.is_used) {
+      context.Debug(maps + Formatted(": %d common images, %d points of matches",
+                                     edge.num_common_images, edge.num_points));
+      continue;
+    }
+    context.Warning("the loop between " + maps +
+                    Formatted(" is rejected: it contradicts the chain of "
+                              "sub-maps by %.1f %% of the path and %.1f deg",
+                              100.0 * *edge.drift, *edge.rotation_error_deg));
+  }
+  for (size_t i = 0; i < joined.conflicts.size(); ++i) {
+    if (joined.conflicts[i].empty()) continue;
+    context.Warning("'" + files.folders[i] +
+                    "' stays separate: " + joined.conflicts[i]);
+  }
+}
+
+void LogMissing(const SubMapFiles& files, const Context& context) {
+  GroupedWarnings warnings;
+  for (const std::string& folder : files.missing) {
+    warnings.Add("there is no model in '" + folder +
+                 "'; frames of this cluster that no other has are missing");
+  }
+  warnings.Log(context);
+}
+
+// The world of measured positions that most frames of a joined model have.
+struct WorldOfParts {
+  Reconstruction poses;  // of the sub-maps in it, in the scene of the model
+  std::optional<Eigen::Vector3d> origin_wgs84;
+};
+
+// nullopt if no sub-map of the model is in such a world. The first one that is
+// defines it; the sub-maps are ordered by their clusters.
+std::optional<WorldOfParts> FindWorld(const SceneModel& model,
+                                      const std::vector<int>& sub_maps,
+                                      const std::vector<SubMapFacts>& facts,
+                                      const Context& context) {
+  const auto first = std::find_if(sub_maps.begin(), sub_maps.end(), [&](int m) {
+    return facts[m].is_registered;
+  });
+  if (first == sub_maps.end()) return std::nullopt;
+  std::map<std::string, Rigid3> pose_of_name;
+  size_t num_others = 0;
+  for (const int m : sub_maps) {
+    if (!facts[m].is_registered ||
+        facts[m].origin_wgs84 != facts[*first].origin_wgs84) {
+      ++num_others;
+      continue;
+    }
+    const auto& poses = facts[m].cam_from_world;
+    pose_of_name.insert(poses.begin(), poses.end());
+  }
+  if (num_others > 0) {
+    context.Warning(
+        Formatted("%zu of %zu sub-maps are not in the world of measured "
+                  "positions of the others",
+                  num_others, sub_maps.size()));
+  }
+  const auto& sensor_from_rig = model.reconstruction.sensor_from_rig;
+  WorldOfParts world{{}, facts[*first].origin_wgs84};
+  world.poses.sensor_from_rig = sensor_from_rig;
+  world.poses.rig_from_world.resize(model.scene.frames.size());
+  for (const Image& image : model.scene.images) {
+    const auto found = pose_of_name.find(image.name);
+    const auto& sensor = sensor_from_rig[image.sensor_idx];
+    if (found == pose_of_name.end() || !sensor) continue;
+    world.poses.rig_from_world[image.frame_idx] =
+        sensor->Inverse() * found->second;
+  }
+  return world;
+}
+
+// States which measurements of the sub-maps the join is not given.
+void LogUnusedPriors(const PosePriorOptions& options,
+                     const std::vector<SubMapFacts>& facts,
+                     const Context& context) {
+  const auto any = [&](bool SubMapFacts::*used) {
+    return AnyOf(facts, [&](const SubMapFacts& f) { return f.*used; });
+  };
+  if (any(&SubMapFacts::is_registered) && !options.AreUsed()) {
+    context.Warning(
+        "the sub-maps used measured positions, but the join only keeps their "
+        "world; set --use_prior_position or --ref_images_path as for the "
+        "sub-maps to adjust it to the positions");
+  }
+  const bool has_gravity =
+      options.use_prior_gravity || !options.gravity_path->empty();
+  if (any(&SubMapFacts::used_gravity) && !has_gravity) {
+    context.Warning(
+        "the sub-maps used measured gravity, but the join does not; set "
+        "--use_prior_gravity or --gravity_path as for the sub-maps");
+  }
+}
+
+// The pairs of the database, for the page and the report.
+ViewGraph ReadViewGraph(const std::string& database_path, const Scene& scene,
+                        const Context& context) {
+  if (database_path.empty()) return {};
+  DatabaseSelection selection;
+  selection.has_keypoints = false;
+  const std::map<std::string, int> idx_of_name = IndexByName(scene.images);
+  for (const auto& [name, idx] : idx_of_name) {
+    selection.image_names.insert(name);
+  }
+  DatabaseContents contents = ReadDatabase(database_path, context, selection);
+  std::map<ImageId, int> idx_of_id;
+  for (const ImageRow& image : contents.images) {
+    idx_of_id.emplace(image.id, idx_of_name.at(image.name));
+  }
+  ViewGraph view_graph;
+  for (TwoViewGeometryRow& row : contents.pairs) {
+    if (row.matches.empty()) continue;
+    if (idx_of_id[row.image_id1] > idx_of_id[row.image_id2]) SwapImages(&row);
+    ImagePair pair;
+    pair.image_idx1 = idx_of_id[row.image_id1];
+    pair.image_idx2 = idx_of_id[row.image_id2];
+    pair.config = row.config;
+    pair.matches = std::move(row.matches);
+    view_graph.pairs.push_back(std::move(pair));
+  }
+  SortBy(&view_graph.pairs, [](const ImagePair& a) {
+    return std::pair(a.image_idx1, a.image_idx2);
+  });
+  return view_graph;
+}
+
+// A joined model, and what its report and page need.
+struct FinishedModel {
+  MapperInput input;
+  MapperResult result;
+};
+
+// A run of the mapper, as far as the join is one.
+MapperRun RunOf(const ModelMergerOptions& options) {
+  MapperRun run;
+  run.database_path = options.database_path;
+  run.output_path = options.output_path;
+  run.image_path = options.image_path;
+  run.output_format = options.output_format;
+  run.loading.rig_config_path = options.rigs.rig_config_path;
+  run.loading.rig_name_rule = options.rigs.rig_name_rule;
+  run.priors = options.priors;
+  run.mapper.bundle_adjustment = options.bundle_adjustment;
+  run.mapper.compute_covariances = options.compute_covariances;
+  run.options_json = OptionsToJsonOf(options);
+  run.default_options_json = OptionsToJsonOf(ModelMergerOptions());
+  return run;
+}
+
+// Adjusts a joined model and writes it into the folder.
+FinishedModel FinishModel(const ModelMergerOptions& options,
+                          std::optional<size_t> max_num_observations,
+                          const std::optional<WorldOfParts>& world,
+                          const fs::path& folder, SceneModel model,
+                          const Context& context) {
+  const MapperRun run = RunOf(options);
+  FinishedModel done;
+  done.input.scene = std::move(model.scene);
+  const Scene& scene = done.input.scene;
+  CheckFormat(scene, run.output_format);
+  if (!run.database_path.empty()) ReadPriors(run, context, &done.input);
+  done.result = AdjustJoinedModel(
+      {scene, done.input.position_priors, done.input.gravity_priors,
+       world ? &world->poses : nullptr, options.refine, max_num_observations},
+      run.mapper, context, std::move(model.reconstruction));
+  ColorModels(scene, run.image_path, context, &done.result);
+  done.input.view_graph = ReadViewGraph(run.database_path, scene, context);
+  const MapperModel& adjusted = done.result.models.front();
+  WriteMapperModel(folder, done.input, adjusted, run.output_format, context);
+  const fs::path origin = folder / "geo_origin.json";
+  if (world && world->origin_wgs84 && !fs::exists(origin)) {
+    WriteGeoOrigin(origin.string(), *world->origin_wgs84);
+  }
+  return done;
+}
+
+// Adds the report of a model to that of the join: as the mapper writes it, but
+// without the stages that the join does not have.
+void AddToReport(const std::string& model_report,
+                 const std::vector<int>& sub_maps, bool is_in_world_of_parts,
+                 Json* report) {
+  Json json = Json::parse(model_report);
+  Json& model = json["models"][0];
+  model["sub_maps"] = sub_maps;
+  for (const char* key :
+       {"tracks", "translation_averaging", "rejected_groups"}) {
+    model.erase(key);
+  }
+  Json& summary = json["summary"];
+  if (is_in_world_of_parts) {
+    summary["models"][0]["unit_of_length"] = "that of the sub-maps";
+  }
+  if (!report->contains("models")) {
+    for (const char* key :
+         {"view_graph", "rotation_averaging", "rejected_pairs",
+          "motion_was_refuted", "peak_memory_mib"}) {
+      json.erase(key);
+    }
+    report->update(json);
+    return;
+  }
+  (*report)["models"].push_back(model);
+  Json& total = (*report)["summary"];
+  total["models"].push_back(summary["models"][0]);
+  const auto add = [](const Json& from, Json* to) {
+    for (const auto& [key, value] : from.items()) {
+      if (!value.is_number_unsigned()) continue;
+      (*to)[key] = (*to)[key].get<size_t>() + value.get<size_t>();
+    }
+  };
+  add(summary, &total);
+  add(json["input"], &(*report)["input"]);
+  for (const char* key : {"warnings", "unregistered_frames"}) {
+    for (const Json& entry : json[key]) (*report)[key].push_back(entry);
+  }
+}
+
+// Models do not state which camera poses were known.
+void LogIfRigsAreRefined(const ModelMergerOptions& options,
+                         const std::vector<SceneModel>& models,
+                         const Context& context) {
+  const bool have_rigs = AnyOf(models, [](const SceneModel& model) {
+    return model.scene.sensors.size() > model.scene.rigs.size();
+  });
+  if (!options.refine || !options.rigs.rig_config_path->empty() || !have_rigs)
+    return;
+  context.Info(
+      "bundle adjustment refines the poses of the cameras in their rigs; set "
+      "--rig_config_path to keep known ones");
+}
+
+// The limit of observations, if the models need one to fit the memory.
+std::optional<size_t> LimitObservations(const ModelMergerOptions& options,
+                                        const JoinedMaps& joined,
+                                        const Context& context) {
+  if (!options.refine) return std::nullopt;
+  const auto limit =
+      MaxNumAdjustedObservations(joined.models, options.max_memory_mib);
+  if (limit)
+    context.Info("bundle adjustment selects tracks that fit the memory");
+  return limit;
+}
+
+void CheckUsage(const ModelMergerOptions& options) {
+  if (options.input_path->empty()) {
+    throw Error("--graph needs the folder of the sub-maps; set --input_path");
+  }
+  std::error_code ignored;
+  if (fs::equivalent(*options.input_path, *options.output_path, ignored)) {
+    throw Error("'" + *options.output_path +
+                "' holds the sub-maps; choose another --output_path");
+  }
+  if (options.database_path->empty() && options.priors.HaveAny()) {
+    throw Error(
+        "positions and gravity belong to the images of a database; set "
+        "--database_path");
+  }
+  CheckImagePath(options.image_path);
+}
+
+// Finishes all joined models in the folder, and writes report.json there.
+// Returns the models and the report.
+std::pair<std::vector<FinishedModel>, std::string> FinishModels(
+    const ModelMergerOptions& options, const SubMapFiles& files,
+    const std::vector<SubMapFacts>& facts, const fs::path& output,
+    const Context& context) {
+  JoinedMaps joined = Join(options, files, facts, context);
+  LogEdges(files, joined, context);
+  Json report = DescribeSubMaps(files, joined);
+  LogIfRigsAreRefined(options, joined.models, context);
+  LogUnusedPriors(options.priors, facts, context);
+  const auto max_num_observations = LimitObservations(options, joined, context);
+  RunDescription description = DescribeInput(RunOf(options), context);
+  description.rig_source = "the sub-maps";
+  std::vector<FinishedModel> models;
+  for (size_t i = 0; i < joined.models.size(); ++i) {
+    const std::vector<int>& sub_maps = joined.sub_maps[i];
+    const auto world = FindWorld(joined.models[i], sub_maps, facts, context);
+    models.push_back(FinishModel(options, max_num_observations, world,
+                                 output / std::to_string(i),
+                                 std::move(joined.models[i]), context));
+    const auto& [input, result] = models.back();
+    const auto& positions = result.models.front().position_priors;
+    AddToReport(
+        MapperReportToJson(input.scene, input.view_graph, result, description),
+        sub_maps, world && !(positions && positions->is_registered), &report);
+    const Json& counts = report["models"].back();
+    context.Info("model " + std::to_string(i) + ": " +
+                 counts["num_frames"].dump() + " frames, " +
+                 counts["num_images"].dump() + " images and " +
+                 counts["num_points"].dump() + " points of " +
+                 std::to_string(sub_maps.size()) + " sub-maps");
+  }
+  if (!options.database_path->empty()) {
+    report["summary"]["num_images"] =
+        ReadImageNames(options.database_path).size();
+  }
+  report["peak_memory_mib"] = PeakMemoryMib();
+  std::string text = report.dump(2) + "\n";
+  WriteFile(output / kReportFileName, text);
+  return {std::move(models), std::move(text)};
+}
+
+// Joins the models of clusters from `mapper --partition` into the models 0, 1,
+// ... with the tables and pages of the mapper, and a report.json. Reports
+// clusters without a model. Returns an ExitCode; throws Error for bad input.
+int JoinClusters(const ModelMergerOptions& options, const Context& context) {
+  CheckUsage(options);
+  ReturnLargeBlocks();
+  StagedOutput output(*options.output_path);
+  const SubMapFiles files = FindSubMaps(options);
+  LogMissing(files, context);
+  if (files.folders.empty()) {
+    context.log(LogLevel::kError, "'" + *options.input_path +
+                                      "' has no model of any cluster; map the "
+                                      "clusters first");
+    return kExitNotSolvable;
+  }
+  const auto facts = Transformed(files.folders, ReadFacts);
+  const auto [models, report] =
+      FinishModels(options, files, facts, output.StagingDir(), context);
+  context.CheckInterrupted();
+  output.Commit();
+  for (size_t i = 0; options.write_report && i < models.size(); ++i) {
+    const fs::path folder = fs::path(*options.output_path) / std::to_string(i);
+    WriteReportPage({folder, options.image_path, models[i].input,
+                     models[i].result.models.front(), i, report},
+                    context);
+  }
+  return kExitSuccess;
+}
 
 void LogSummary(const MergeSummary& summary, const Context& context) {
   context.Info(

@@ -57,14 +57,6 @@ struct PointTriangulatorOptions {
   }
 };
 
-MapperOptions StageOptions(const PointTriangulatorOptions& options) {
-  MapperOptions stages;
-  stages.view_graph = options.view_graph;
-  stages.tracks = options.tracks;
-  stages.bundle_adjustment = options.bundle_adjustment;
-  return stages;
-}
-
 int RunPointTriangulator(const PointTriangulatorOptions& options,
                          const Context& context) {
   CheckImagePath(options.image_path);
@@ -85,8 +77,11 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   description.rig_source = input.rig_source;
   reading.Finish(&description.times);
 
-  MapperResult result =
-      TriangulatePoints(input.mapper, StageOptions(options), context);
+  MapperOptions stages;
+  stages.view_graph = options.view_graph;
+  stages.tracks = options.tracks;
+  stages.bundle_adjustment = options.bundle_adjustment;
+  MapperResult result = TriangulatePoints(input.mapper, stages, context);
   if (result.models.empty()) {
     context.log(LogLevel::kError,
                 "no point could be triangulated from the matches");

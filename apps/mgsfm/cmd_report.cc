@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/format.h"
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "command.h"
@@ -198,11 +200,10 @@ std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
                                   : std::nullopt);
   }
   if (num_found < row_of_name.size()) {
-    context.Warning("'" + path.string() + "' has " +
-                    std::to_string(row_of_name.size() - num_found) + " of " +
-                    std::to_string(row_of_name.size()) +
-                    " frames that the model does not have, or has with other "
-                    "images; it is of another model");
+    context.Warning(Formatted(
+        "'%s' has %zu of %zu frames that the model does not have, or "
+        "has with other images; it is of another model",
+        path.c_str(), row_of_name.size() - num_found, row_of_name.size()));
   }
   return confidence;
 }
@@ -219,10 +220,10 @@ void WarnOfOtherReport(const RunReport& report, const Scene& scene,
   const auto num_images = model.find("num_images");
   if (num_images == model.end() || !num_images->is_number_unsigned()) return;
   if (num_images->get<size_t>() == scene.images.size()) return;
-  context.Warning("report.json describes " + num_images->dump() +
-                  " images, but the model has " +
-                  std::to_string(scene.images.size()) +
-                  "; check that it belongs to the run of this model");
+  context.Warning(
+      Formatted("report.json describes %s images, but the model has %zu; check "
+                "that it belongs to the run of this model",
+                num_images->dump().c_str(), scene.images.size()));
 }
 
 PoseComparison Compare(const std::string& label, const TruthSource& source,
@@ -261,9 +262,8 @@ void WriteFigures(const fs::path& folder, const ReportPageInput& page,
 // Colors the points of a model without colors, if its images are known.
 void AddMissingColors(const std::string& image_path, ShownModel* model,
                       const Context& context) {
-  const std::vector<Point3D>& points = model->reconstruction.points;
-  const bool has_colors = std::any_of(
-      points.begin(), points.end(),
+  const bool has_colors = AnyOf(
+      model->reconstruction.points,
       [](const Point3D& point) { return point.color != Point3D().color; });
   if (has_colors || image_path.empty()) return;
   ColorPoints(model->scene, image_path, context, &model->reconstruction);

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "base/format.h"
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
@@ -24,6 +25,8 @@
 namespace mgsfm {
 namespace {
 
+namespace fs = std::filesystem;
+
 enum class TrajectoryFormat { kKitti, kTum };
 enum class ImageFormat { kPng, kJpeg };
 
@@ -39,6 +42,15 @@ template <>
 struct EnumTable<ImageFormat> {
   static constexpr std::pair<std::string_view, ImageFormat> kNames[] = {
       {"png", ImageFormat::kPng}, {"jpg", ImageFormat::kJpeg}};
+};
+
+template <>
+struct EnumTable<PairKind> {
+  static constexpr std::pair<std::string_view, PairKind> kNames[] = {
+      {"true", PairKind::kTrue},
+      {"isolated", PairKind::kIsolatedWrong},
+      {"duplicate", PairKind::kDuplicatedStructure},
+      {"vehicle", PairKind::kMovingObject}};
 };
 
 template <>
@@ -178,10 +190,9 @@ bool IsSynchronized(const SimulationOptions& options) {
 }
 
 // Image poses, which differ from those of the frames by the trigger offsets.
-void WriteTrueImages(const Simulation& simulation,
-                     const std::filesystem::path& folder,
+void WriteTrueImages(const Simulation& simulation, const fs::path& folder,
                      const Context& context) {
-  std::filesystem::create_directory(folder);
+  fs::create_directory(folder);
   WriteModel(folder, SeparateImages(simulation.scene),
              SeparateImages(simulation.ground_truth,
                             {simulation.cam_from_world.begin(),
@@ -190,10 +201,9 @@ void WriteTrueImages(const Simulation& simulation,
 }
 
 void WriteTruth(const Simulation& simulation, const SimulationOptions& options,
-                const std::filesystem::path& staging_dir,
-                const Context& context) {
-  const std::filesystem::path truth_path = staging_dir / "truth";
-  std::filesystem::create_directory(truth_path);
+                const fs::path& staging_dir, const Context& context) {
+  const fs::path truth_path = staging_dir / "truth";
+  fs::create_directory(truth_path);
   WriteModelAndRig(truth_path, simulation.scene, simulation.ground_truth,
                    ModelFormat::kBinary, context);
   WriteImageTimestamps(staging_dir / "timestamps.txt", simulation.scene);
@@ -207,11 +217,10 @@ std::string CameraLines(const Scene& scene) {
   std::string lines;
   for (const Sensor& sensor : scene.sensors) {
     const Camera& camera = scene.cameras[sensor.camera_idx];
-    lines +=
-        sensor.name + " " +
-        std::string(FindCameraModel(static_cast<int32_t>(camera.model))->name) +
-        " " + std::to_string(camera.width_px) + " " +
-        std::to_string(camera.height_px);
+    const std::string model(
+        FindCameraModel(static_cast<int32_t>(camera.model))->name);
+    lines += Formatted("%s %s %d %d", sensor.name.c_str(), model.c_str(),
+                       camera.width_px, camera.height_px);
     for (const double param : camera.params) {
       lines += ' ' + FormatDouble(param, std::chars_format::general, 17);
     }
@@ -222,12 +231,11 @@ std::string CameraLines(const Scene& scene) {
 
 void RenderImages(const SimulateCommandOptions& options,
                   const StreetRenderer& renderer, const Simulation& simulation,
-                  const std::filesystem::path& image_path,
-                  const Context& context) {
+                  const fs::path& image_path, const Context& context) {
   const std::vector<Image>& images = simulation.scene.images;
   for (size_t i = 0; i < images.size(); ++i) {
-    const std::filesystem::path path = image_path / images[i].name;
-    std::filesystem::create_directories(path.parent_path());
+    const fs::path path = image_path / images[i].name;
+    fs::create_directories(path.parent_path());
     const ColorImage image = renderer.Render(
         images[i].camera_idx, simulation.cam_from_world[i], context);
     WriteColorImage(path, image.width_px, image.height_px, image.rgb,
@@ -236,13 +244,13 @@ void RenderImages(const SimulateCommandOptions& options,
   }
 }
 
-void CheckIsNew(const std::filesystem::path& path) {
-  if (!std::filesystem::exists(path)) return;
+void CheckIsNew(const fs::path& path) {
+  if (!fs::exists(path)) return;
   throw Error("'" + path.string() + "' exists; choose a new folder");
 }
 
 int RunRender(const SimulateCommandOptions& options, const Context& context) {
-  const std::filesystem::path output_path = *options.output_path;
+  const fs::path output_path = *options.output_path;
   StagedOutput output(output_path);  // finishes the output of a killed run
   CheckIsNew(output_path / "images");
   SimulationOptions simulation_options = options.simulation;
@@ -255,8 +263,7 @@ int RunRender(const SimulateCommandOptions& options, const Context& context) {
       SimulateWithoutFeatures(simulation_options, input, context);
   if (options.render_format == ImageFormat::kJpeg) {
     for (Image& image : simulation.scene.images) {
-      image.name =
-          std::filesystem::path(image.name).replace_extension(".jpg").string();
+      image.name = fs::path(image.name).replace_extension(".jpg").string();
     }
   }
   const StreetRenderer renderer(simulation_options, input,
@@ -267,8 +274,8 @@ int RunRender(const SimulateCommandOptions& options, const Context& context) {
   WriteFile(output.StagingDir() / "cameras.txt", CameraLines(simulation.scene));
   WriteTruth(simulation, simulation_options, output.StagingDir(), context);
   output.Commit();
-  context.Info("wrote " + std::to_string(simulation.scene.images.size()) +
-               " images, cameras.txt and truth");
+  context.Info(Formatted("wrote %zu images, cameras.txt and truth",
+                         simulation.scene.images.size()));
   return kExitSuccess;
 }
 
@@ -285,20 +292,6 @@ void WritePositions(const Simulation& simulation,
   transaction.Commit();
 }
 
-std::string_view NameOf(PairKind kind) {
-  switch (kind) {
-    case PairKind::kTrue:
-      return "true";
-    case PairKind::kIsolatedWrong:
-      return "isolated";
-    case PairKind::kDuplicatedStructure:
-      return "duplicate";
-    case PairKind::kMovingObject:
-      return "vehicle";
-  }
-  return "";
-}
-
 std::string PairKindLines(const Simulation& simulation) {
   std::string lines = "name1,name2,kind,num_matches\n";
   const std::vector<Image>& images = simulation.scene.images;
@@ -306,7 +299,7 @@ std::string PairKindLines(const Simulation& simulation) {
     const ImagePair& pair = simulation.view_graph.pairs[i];
     lines +=
         images[pair.image_idx1].name + "," + images[pair.image_idx2].name + ",";
-    lines += NameOf(simulation.pair_kinds[i]);
+    lines += EnumName(simulation.pair_kinds[i]);
     lines += "," + std::to_string(pair.matches.size()) + "\n";
   }
   return lines;
@@ -314,7 +307,7 @@ std::string PairKindLines(const Simulation& simulation) {
 
 int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   if (options.render) return RunRender(options, context);
-  const std::filesystem::path output_path = *options.output_path;
+  const fs::path output_path = *options.output_path;
   StagedOutput output(output_path);  // finishes the output of a killed run
   CheckIsNew(output_path / "database.db");
   SimulationOptions simulation_options = options.simulation;
@@ -338,26 +331,28 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   WriteTruth(simulation, simulation_options, output.StagingDir(), context);
   WriteFile(output.StagingDir() / "pairs.csv", PairKindLines(simulation));
   output.Commit();
-  context.Info("wrote database.db (" +
-               std::to_string(simulation.scene.images.size()) + " images, " +
-               std::to_string(simulation.view_graph.pairs.size()) +
-               " pairs) and truth");
+  context.Info(Formatted("wrote database.db (%zu images, %zu pairs) and truth",
+                         simulation.scene.images.size(),
+                         simulation.view_graph.pairs.size()));
   return kExitSuccess;
 }
 
-SimulationOptions DefaultsOf(const SimulateCommandOptions& options) {
-  const WorldPreset world = options.simulation.world;
-  return world == WorldPreset::kScatter || world == WorldPreset::kStreet
-             ? PresetSimulation(options.preset, SimulationOptions().rig)
-             : WorldSimulation(world, options.level);
+// The options are set twice: first for the preset, then on top of its values.
+AllOptions<SimulateCommandOptions> PresetOptions(const OptionSetter& set) {
+  AllOptions<SimulateCommandOptions> given, options;
+  set(ListOptions(&given));
+  const SimulateCommandOptions& preset = given.command;
+  const WorldPreset world = preset.simulation.world;
+  options.command.simulation =
+      world == WorldPreset::kScatter || world == WorldPreset::kStreet
+          ? PresetSimulation(preset.preset, SimulationOptions().rig)
+          : WorldSimulation(world, preset.level);
+  return options;
 }
 
-// The options are set twice: first for the preset, then on top of its values.
 int ParseAndRun(const std::vector<std::string>& arguments) {
-  AllOptions<SimulateCommandOptions> preset;
-  SetOptions(arguments, ListOptions(&preset));
-  AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = DefaultsOf(preset.command);
+  auto options = PresetOptions(
+      [&](const OptionList& list) { SetOptions(arguments, list); });
   if (!ParseArguments(kName, kSummary, arguments, ListOptions(&options))) {
     return kExitSuccess;
   }
@@ -365,11 +360,7 @@ int ParseAndRun(const std::vector<std::string>& arguments) {
 }
 
 CommandResult SetAndRun(const OptionSetter& set, const Context& environment) {
-  AllOptions<SimulateCommandOptions> preset;
-  set(ListOptions(&preset));
-  AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = DefaultsOf(preset.command);
-  return CallWith(kName, options, set, environment, RunSimulate);
+  return CallWith(kName, PresetOptions(set), set, environment, RunSimulate);
 }
 
 }  // namespace

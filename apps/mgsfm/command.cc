@@ -6,14 +6,11 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
-#include <optional>
 #include <set>
 #include <system_error>
 #include <tuple>
 #include <utility>
-#include <vector>
 
-#include "base/file_reading.h"
 #include "base/parallel.h"
 #include "base/ranges.h"
 #include "base/text_streams.h"
@@ -22,7 +19,6 @@
 #include "files/file_operations.h"
 #include "files/image_reading.h"
 #include "files/model_files.h"
-#include "help.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -140,16 +136,6 @@ std::vector<Target> TargetsOf(const std::string& command,
   return targets;
 }
 
-struct NamedPath {
-  std::string option;
-  std::string path;
-};
-
-bool EndsWith(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() &&
-         text.compare(text.size() - end.size(), end.size(), end) == 0;
-}
-
 // The files behind an input path. A folder represents the files of its model;
 // outputs never replace images or pipes.
 std::vector<fs::path> FilesOf(const fs::path& path) {
@@ -165,19 +151,22 @@ std::vector<fs::path> FilesOf(const fs::path& path) {
 
 // Options of several inputs have numbered names, such as input_path1.
 bool IsPathOption(const std::string& name) {
-  return EndsWith(name.substr(0, name.find_last_not_of("0123456789") + 1),
-                  "_path");
+  constexpr std::string_view kEnd = "_path";
+  const size_t size = name.find_last_not_of("0123456789") + 1;
+  return size >= kEnd.size() &&
+         name.compare(size - kEnd.size(), kEnd.size(), kEnd) == 0;
 }
 
-// Some options take a list of paths, separated by commas.
-std::vector<NamedPath> ReadInputs(const std::vector<Target>& targets,
-                                  const OptionList& options,
-                                  const std::string& config_path) {
-  std::vector<NamedPath> inputs;
+// The options of inputs and their paths. Some options take a list of paths,
+// separated by commas.
+std::vector<std::pair<std::string, std::string>> ReadInputs(
+    const std::vector<Target>& targets, const OptionList& options,
+    const std::string& config_path) {
+  std::vector<std::pair<std::string, std::string>> inputs;
   const auto add = [&](const std::string& option, const std::string& value) {
-    if (!value.empty()) inputs.push_back({option, value});
+    if (!value.empty()) inputs.emplace_back(option, value);
     for (const std::string& item : SplitList(value)) {
-      if (item != value) inputs.push_back({option, item});
+      if (item != value) inputs.emplace_back(option, item);
     }
   };
   for (const OptionEntry& entry : options) {
@@ -201,8 +190,7 @@ std::string KindOfKeptFile(const std::string& target) {
   std::error_code ignored;
   if (!fs::is_regular_file(target, ignored)) return "";
   if (HasDatabaseHeader(target)) return "a database";
-  const std::string header = ReadFile(target, "", kMaxImageHeaderBytes);
-  return ReadImageSize(header).has_value() ? "an image" : "";
+  return ReadImageSizeOf(target) ? "an image" : "";
 }
 
 void CheckIsNotKept(const Target& target) {
@@ -248,15 +236,14 @@ void CheckOutputsAreNoInputs(const std::string& command,
     const bool is_file = target.is_new_file || command == "model_converter";
     if (is_file) CheckIsNotKept(target);
   }
-  const std::vector<NamedPath> inputs =
-      ReadInputs(targets, options, config_path);
+  const auto inputs = ReadInputs(targets, options, config_path);
   for (const Target& target : targets) {
     const Output& output = *target.output;
-    for (const NamedPath& input : inputs) {
-      if (input.option == output.in_place) continue;
-      for (const fs::path& file : FilesOf(input.path)) {
+    for (const auto& [option, path] : inputs) {
+      if (option == output.in_place) continue;
+      for (const fs::path& file : FilesOf(path)) {
         if (!Replaces(output, target.path, file)) continue;
-        throw Error("'" + file.string() + "' is an input (--" + input.option +
+        throw Error("'" + file.string() + "' is an input (--" + option +
                     ") that --" + output.option +
                     " would replace; choose another " + output.option);
       }
@@ -326,19 +313,6 @@ bool TakeSwitch(const std::string& name, std::vector<Flag>* flags) {
   return flag.has_value();
 }
 
-const OptionEntry* FindOption(const OptionList& options,
-                              const std::string& name) {
-  for (const OptionEntry& entry : options) {
-    if (entry.name == name) return &entry;
-  }
-  return nullptr;
-}
-
-bool IsBool(const OptionEntry* option) {
-  return option != nullptr &&
-         std::holds_alternative<bool>(option->default_value);
-}
-
 OptionAdvice AdviceFor(const OptionList& options) {
   return [&options](const std::string& name) {
     return AdviceOnOption(name, options);
@@ -349,6 +323,12 @@ void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
   // An unknown name is more likely than a missing value.
   CheckOptionNames(options, Transformed(flags, &Flag::name),
                    AdviceFor(options));
+  const auto is_bool = [&](const std::string& name) {
+    return AnyOf(options, [&](const OptionEntry& entry) {
+      return entry.name == name &&
+             std::holds_alternative<bool>(entry.default_value);
+    });
+  };
   std::set<std::string> known;
   for (const Flag& flag : flags) {
     if (!known.insert(flag.name).second) {
@@ -356,7 +336,7 @@ void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
     }
     if (flag.value) {
       SetOption(options, flag.name, *flag.value);
-    } else if (IsBool(FindOption(options, flag.name))) {
+    } else if (is_bool(flag.name)) {
       SetOption(options, flag.name, "true");
     } else {
       throw Error("--" + flag.name + " needs a value");
@@ -404,10 +384,6 @@ void CheckCommandOptions(const std::string& name, const OptionList& options,
                          const std::string& config_path) {
   CheckOptions(options);
   CheckOutputsAreNoInputs(name, options, config_path);
-}
-
-LogLevel CommonOptions::MinLogLevel() const {
-  return quiet ? std::max<LogLevel>(log_level, LogLevel::kWarning) : *log_level;
 }
 
 Context ApplyCommonOptions(const CommonOptions& options, Context environment) {

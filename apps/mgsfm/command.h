@@ -44,7 +44,8 @@
 //      }
 //      }  // namespace mgsfm
 //
-// 2. Declare FooCommand in commands.h and add it to the table in program.cc.
+// 2. Declare FooCommand in commands.h and add it to the table in program.cc, or
+//    add the command to the list of its file.
 // 3. Add cmd_foo.cc, and the modules it uses, to apps/mgsfm/CMakeLists.txt.
 // 4. List its outputs in command.cc and its basic options in help.cc.
 //
@@ -66,11 +67,15 @@ enum ExitCode : int {
 // The end of a run. Commands that only write files return their ExitCode.
 struct CommandResult {
   // NOLINTNEXTLINE(google-explicit-constructor)
-  CommandResult(int code) : exit_code(code) {}
+  CommandResult(int code, std::string text_of_result = "",
+                std::string json_of_result = "")
+      : exit_code(code),
+        text(std::move(text_of_result)),
+        json(std::move(json_of_result)) {}
 
   int exit_code;
-  std::string text = {};  // for the standard output
-  std::string json = {};  // the same for programs; may be empty
+  std::string text;  // for the standard output
+  std::string json;  // the same for programs; may be empty
   // The output files are complete, so losing the text is harmless.
   bool has_files = false;
 };
@@ -119,7 +124,10 @@ struct CommonOptions {
   Option<bool> quiet{"quiet", false,
                      "Print only warnings and errors, and no progress."};
 
-  LogLevel MinLogLevel() const;
+  LogLevel MinLogLevel() const {
+    return quiet && *log_level < LogLevel::kWarning ? LogLevel::kWarning
+                                                    : *log_level;
+  }
 
   template <class Visitor>
   void Describe(Visitor& visit) {

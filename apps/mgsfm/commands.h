@@ -13,33 +13,19 @@ std::vector<Command> AllCommands();
 // Defined in cmd_*.cc.
 Command AutomaticReconstructorCommand();
 Command BundleAdjusterCommand();
-Command DatabaseCleanerCommand();
-Command DatabaseMergerCommand();
-Command ExhaustiveMatcherCommand();
-Command FeatureExtractorCommand();
-Command FeatureImporterCommand();
-Command GeometricVerifierCommand();
-Command ImageDeleterCommand();
-Command ImageSplitterCommand();
+std::vector<Command> DatabaseCommands();
+std::vector<Command> ImageCommands();
 Command ImageUndistorterCommand();
 Command MapperCommand();
-Command MatchesImporterCommand();
+std::vector<Command> MatchingCommands();
 Command ModelAlignerCommand();
 Command ModelAnalyzerCommand();
 Command ModelConverterCommand();
-Command ModelCropperCommand();
+std::vector<Command> ModelEditCommands();
 Command ModelEvaluatorCommand();
 Command ModelMergerCommand();
-Command ModelSplitterCommand();
 Command PointTriangulatorCommand();
-Command RecordingImporterCommand();
 Command ReportCommand();
-Command RigConfiguratorCommand();
-Command SequentialMatcherCommand();
 Command SimulateCommand();
-Command SpatialMatcherCommand();
-Command VideoSamplerCommand();
-Command VocabTreeBuilderCommand();
-Command VocabTreeMatcherCommand();
 
 }  // namespace mgsfm

@@ -16,7 +16,6 @@
 #include <exception>
 #include <map>
 #include <mutex>
-#include <optional>
 #include <thread>
 #include <utility>
 
@@ -70,11 +69,12 @@ std::optional<LiveRefusal> RefusalOf(const LiveRequest& request,
     return LiveRefusal{
         403, "open the page by its address in numbers, or as localhost"};
   }
-  if (request.origin && *request.origin != "http://" + *request.host) {
-    return LiveRefusal{403, "another site must not use this page"};
-  }
-  if (request.fetch_site && *request.fetch_site != "same-origin" &&
-      *request.fetch_site != "none") {
+  const bool is_of_other_origin =
+      request.origin && *request.origin != "http://" + *request.host;
+  const bool is_of_other_site = request.fetch_site &&
+                                *request.fetch_site != "same-origin" &&
+                                *request.fetch_site != "none";
+  if (is_of_other_origin || is_of_other_site) {
     return LiveRefusal{403, "another site must not use this page"};
   }
   return std::nullopt;
@@ -112,23 +112,6 @@ constexpr std::chrono::milliseconds kPause(2);
 // The page asks every second.
 constexpr double kReaderMemory_s = 3.0;
 
-// An open socket.
-class Socket {
- public:
-  explicit Socket(int fd) : fd_(fd) {}
-  ~Socket() {
-    if (fd_ >= 0) close(fd_);
-  }
-  Socket(const Socket&) = delete;
-  Socket& operator=(const Socket&) = delete;
-
-  int fd() const { return fd_; }
-  int Release() { return std::exchange(fd_, -1); }
-
- private:
-  int fd_;
-};
-
 // A socket address of either family.
 struct Endpoint {
   sockaddr_storage storage = {};
@@ -141,46 +124,46 @@ struct Endpoint {
 
 Endpoint MakeEndpoint(const std::string& address, int port) {
   Endpoint endpoint;
-  const auto port16 = htons(static_cast<uint16_t>(port));
-  sockaddr_in v4{};
-  sockaddr_in6 v6{};
-  if (inet_pton(AF_INET, address.c_str(), &v4.sin_addr) == 1) {
-    v4.sin_family = AF_INET;
-    v4.sin_port = port16;
-    endpoint.size = sizeof(v4);
-    std::memcpy(&endpoint.storage, &v4, sizeof(v4));
-  } else if (inet_pton(AF_INET6, address.c_str(), &v6.sin6_addr) == 1) {
-    v6.sin6_family = AF_INET6;
-    v6.sin6_port = port16;
-    endpoint.size = sizeof(v6);
-    std::memcpy(&endpoint.storage, &v6, sizeof(v6));
+  auto* v4 = reinterpret_cast<sockaddr_in*>(&endpoint.storage);
+  auto* v6 = reinterpret_cast<sockaddr_in6*>(&endpoint.storage);
+  if (inet_pton(AF_INET, address.c_str(), &v4->sin_addr) == 1) {
+    endpoint.storage.ss_family = AF_INET;
+    endpoint.size = sizeof(*v4);
+  } else if (inet_pton(AF_INET6, address.c_str(), &v6->sin6_addr) == 1) {
+    endpoint.storage.ss_family = AF_INET6;
+    endpoint.size = sizeof(*v6);
   } else {
     throw Error("--live_address '" + address +
                 "' is not a numeric address such as 127.0.0.1 or 0.0.0.0");
   }
+  // The port is at the same place in both families.
+  const uint16_t port_in_network_order = htons(static_cast<uint16_t>(port));
+  std::memcpy(&v6->sin6_port, &port_in_network_order, sizeof(v6->sin6_port));
   return endpoint;
 }
 
 // Opens the socket on which the server listens.
 int Listen(const std::string& address, int port) {
   const Endpoint endpoint = MakeEndpoint(address, port);
+  const int server = socket(endpoint.storage.ss_family,
+                            SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
   const auto fail = [&] {
+    const int error = errno;
+    if (server >= 0) close(server);
     const std::string remedy =
-        errno == EADDRINUSE || errno == EACCES
+        error == EADDRINUSE || error == EACCES
             ? "; choose another --live_port, or 0 for any that is free"
             : "; check --live_address";
     throw Error("the live view cannot listen on " + address + " port " +
-                std::to_string(port) + ": " + std::strerror(errno) + remedy);
+                std::to_string(port) + ": " + std::strerror(error) + remedy);
   };
-  Socket server(socket(endpoint.storage.ss_family,
-                       SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
-  if (server.fd() < 0) fail();
+  if (server < 0) fail();
   // Lets a new run use the port while connections of the previous run time out.
   const int on = 1;
-  setsockopt(server.fd(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
-  if (bind(server.fd(), endpoint.get(), endpoint.size) != 0) fail();
-  if (listen(server.fd(), SOMAXCONN) != 0) fail();
-  return server.Release();
+  setsockopt(server, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
+  if (bind(server, endpoint.get(), endpoint.size) != 0) fail();
+  if (listen(server, SOMAXCONN) != 0) fail();
+  return server;
 }
 
 int PortOf(int fd) {
@@ -193,19 +176,15 @@ int PortOf(int fd) {
 }
 
 // An answer of libmicrohttpd, which counts those who use it.
-struct ResponseDeleter {
-  void operator()(MHD_Response* response) const {
-    MHD_destroy_response(response);
-  }
-};
-using Response = std::unique_ptr<MHD_Response, ResponseDeleter>;
+using Response = std::shared_ptr<MHD_Response>;
 
 Response MakeResponse(const std::string& content_type,
                       const std::string& content) {
   // The library copies the content, although it takes a pointer to non-const.
-  Response response(MHD_create_response_from_buffer(
-      content.size(), const_cast<char*>(content.data()),
-      MHD_RESPMEM_MUST_COPY));
+  const Response response(MHD_create_response_from_buffer(
+                              content.size(), const_cast<char*>(content.data()),
+                              MHD_RESPMEM_MUST_COPY),
+                          MHD_destroy_response);
   if (!response) throw std::bad_alloc();
   const std::pair<const char*, const char*> headers[] = {
       {"Content-Type", content_type.c_str()},

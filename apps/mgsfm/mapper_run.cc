@@ -4,16 +4,14 @@
 #include <algorithm>
 #include <ctime>
 #include <exception>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <string>
 #include <system_error>
-#include <utility>
-#include <vector>
 
+#include "base/format.h"
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "bundle_adjustment/covariance_report.h"
 #include "command.h"
 #include "database/database_reader.h"
@@ -27,7 +25,6 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
-#include "mgsfm/mapper/report.h"
 #include "mgsfm/report_page/report_page.h"
 #include "mgsfm/rigs/rig_config.h"
 #include "models/model_placement.h"
@@ -82,20 +79,16 @@ std::optional<PoseComparison> ComparePositions(const Scene& scene,
 }
 
 std::string MakePage(const ModelPage& shown, const Context& context) {
-  const fs::path& folder = shown.folder;
-  const std::string& image_path = shown.image_path;
   const MapperInput& input = shown.input;
   const MapperModel& model = shown.model;
-  const size_t model_idx = shown.model_idx;
-  const std::string& report_json = shown.report_json;
   return UsePoses(input.scene, model,
                   [&](const Scene& scene, const Reconstruction& poses) {
-                    ReportPageInput page{folder.string(), scene, poses};
+                    ReportPageInput page{shown.folder.string(), scene, poses};
                     page.view_graph = &input.view_graph;
-                    page.report_json = report_json;
-                    page.model_idx = model_idx;
-                    page.image_path = image_path;
-                    page.image_url = PageUrl(image_path, folder);
+                    page.report_json = shown.report_json;
+                    page.model_idx = shown.model_idx;
+                    page.image_path = shown.image_path;
+                    page.image_url = PageUrl(shown.image_path, shown.folder);
                     if (model.IsAtPositions()) {
                       page.is_east_north_up =
                           input.position_priors.origin_wgs84.has_value();
@@ -151,10 +144,10 @@ void SetTimestamps(SoftRig method, Scene* scene) {
 
 void LogInput(const LoadedInput& input, const Context& context) {
   const Scene& scene = input.mapper.scene;
-  context.Info("read " + std::to_string(scene.images.size()) + " images in " +
-               std::to_string(scene.frames.size()) + " frames, " +
-               std::to_string(input.mapper.view_graph.pairs.size()) +
-               " pairs; rigs: " + input.rig_source);
+  context.Info(Formatted("read %zu images in %zu frames, %zu pairs; rigs: %s",
+                         scene.images.size(), scene.frames.size(),
+                         input.mapper.view_graph.pairs.size(),
+                         input.rig_source.c_str()));
 }
 
 void LogPositions(const PositionPriors& positions, const Context& context) {
@@ -203,21 +196,6 @@ void LogSummary(const MapperRun& run, const Scene& scene,
     context.Info("open in a browser: " +
                  (output / "0" / kReportPageFileName).string());
   }
-}
-
-void WriteModels(const MapperInput& input, const MapperResult& result,
-                 ModelFormat format, const fs::path& output_path,
-                 const Context& context) {
-  for (size_t i = 0; i < result.models.size(); ++i) {
-    WriteMapperModel(output_path / std::to_string(i), input, result.models[i],
-                     format, context);
-  }
-}
-
-void LogNoModel(const MapperRun& run, const Context& context) {
-  const fs::path output(run.output_path);
-  context.log(LogLevel::kError, "no model could be reconstructed; see " +
-                                    (output / "report.json").string());
 }
 
 // A model extended without registration keeps its origin.
@@ -295,12 +273,11 @@ namespace {
 // or if files of times or rigs lack the other images.
 std::optional<Scene> AllImages(const MapperRun& run, const Scene& scene,
                                const Context& context) {
-  const std::vector<Image>& images = scene.images;
+  const std::vector<std::string> names =
+      Transformed(scene.images, &Image::name);
   const bool has_all_in_order =
-      ReadImageNames(run.database_path).size() == images.size() &&
-      std::is_sorted(
-          images.begin(), images.end(),
-          [](const Image& a, const Image& b) { return a.name < b.name; });
+      ReadImageNames(run.database_path).size() == names.size() &&
+      std::is_sorted(names.begin(), names.end());
   if (has_all_in_order || !run.priors.HaveAny()) return std::nullopt;
   DatabaseSelection selection;
   selection.has_keypoints = false;
@@ -337,13 +314,8 @@ void ReadPriors(const MapperRun& run, const Context& context,
     read(*all);
     const std::vector<size_t> idxs =
         FindImages(input->scene, *all, run.database_path);
-    const auto select = [&](auto* images) {
-      auto of_all = std::exchange(*images, {});
-      if (of_all.empty()) return;
-      for (const size_t i : idxs) images->push_back(of_all[i]);
-    };
-    select(&input->position_priors.images);
-    select(&input->gravity_priors.images);
+    SelectImages(idxs, &input->position_priors.images);
+    SelectImages(idxs, &input->gravity_priors.images);
   }
   LogPositions(input->position_priors, context);
 }
@@ -412,10 +384,11 @@ void ColorModels(const Scene& scene, const std::string& image_path,
     const std::vector<UncoloredImage> unused =
         ColorPoints(scene, image_path, context, &model.reconstruction);
     if (unused.empty()) continue;
-    context.Warning(std::to_string(unused.size()) +
-                    " images give no colors: image '" + unused.front().name +
-                    "' " + unused.front().problem +
-                    "; points that only such images see stay black");
+    context.Warning(
+        Formatted("%zu images give no colors: image '%s' %s; points that only "
+                  "such images see stay black",
+                  unused.size(), unused.front().name.c_str(),
+                  unused.front().problem.c_str()));
   }
 }
 
@@ -490,8 +463,10 @@ int MapDatabase(const MapperRun& run, const Context& context) {
       RunBaseline(run.baseline, input.mapper, run.mapper, context);
   const RunningStage writing("writing", context);
   ColorModels(scene, run.image_path, writing.context(), &result);
-  WriteModels(input.mapper, result, run.output_format, output.StagingDir(),
-              context);
+  for (size_t i = 0; i < result.models.size(); ++i) {
+    WriteMapperModel(output.StagingDir() / std::to_string(i), input.mapper,
+                     result.models[i], run.output_format, context);
+  }
   KeepGeoOrigin(run.input_path, result, output.StagingDir());
   writing.Finish(&description.times);
   description.peak_memory_mib = PeakMemoryMib();
@@ -510,7 +485,9 @@ int MapDatabase(const MapperRun& run, const Context& context) {
                           result.fixed_regions, context);
   }
   if (result.models.empty()) {
-    LogNoModel(run, context);
+    context.log(LogLevel::kError,
+                "no model could be reconstructed; see " +
+                    (fs::path(run.output_path) / "report.json").string());
     return kExitNotSolvable;
   }
   LogMissingColors(run.image_path, context);

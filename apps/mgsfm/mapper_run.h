@@ -3,11 +3,11 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "baselines/mapper_baselines.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/options.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/mapper/report.h"
 #include "mgsfm/models/model_io.h"
@@ -61,6 +61,14 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
 // database lacks one.
 std::vector<size_t> FindImages(const Scene& model, const Scene& database,
                                const std::string& database_path);
+
+// Keeps the priors of the images with these indices, if there are any.
+template <class Prior>
+void SelectImages(const std::vector<size_t>& idxs, std::vector<Prior>* priors) {
+  const std::vector<Prior> of_all = std::exchange(*priors, {});
+  if (of_all.empty()) return;
+  for (const size_t i : idxs) priors->push_back(of_all[i]);
+}
 
 // Reads the priors of the images of the scene, which may be a part of those of
 // the database, in any order. Files may name any image of the database, and

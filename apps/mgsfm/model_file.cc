@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "base/format.h"
 #include "base/ranges.h"
 #include "mgsfm/models/model_scene.h"
 #include "mgsfm/priors/pose_priors.h"
@@ -72,13 +73,10 @@ std::string EditModel(const ModelEditOptions& options, const Context& context,
 }
 
 std::string DescribeSize(const SceneModel& model) {
-  return DescribeSize(AnalyzeModel(model));
-}
-
-std::string DescribeSize(const ModelStatistics& statistics) {
-  return std::to_string(statistics.num_frames) + " frames, " +
-         std::to_string(statistics.num_images) + " images and " +
-         std::to_string(statistics.num_points) + " points";
+  const ModelStatistics statistics = AnalyzeModel(model);
+  return Formatted("%zu frames, %zu images and %zu points",
+                   statistics.num_frames, statistics.num_images,
+                   statistics.num_points);
 }
 
 }  // namespace mgsfm

@@ -81,6 +81,5 @@ std::string EditModel(const ModelEditOptions& options, const Context& context,
 
 // "12 frames, 48 images and 3600 points", for messages.
 std::string DescribeSize(const SceneModel& model);
-std::string DescribeSize(const ModelStatistics& statistics);
 
 }  // namespace mgsfm

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <string>
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/format.h"
 #include "command.h"
 #include "database/database_reader.h"
 #include "files/file_operations.h"
@@ -48,10 +48,8 @@ std::string RemedyFor(double needed_mib, int max_memory_mib) {
 
 std::string DescribeNeed(const std::string& what, double needed_mib,
                          int max_memory_mib) {
-  return what + " needs about " +
-         std::to_string(std::lround(std::ceil(needed_mib))) +
-         " MiB, and --max_memory allows " + std::to_string(max_memory_mib) +
-         "; ";
+  return what + Formatted(" needs about %ld MiB, and --max_memory allows %d; ",
+                          std::lround(std::ceil(needed_mib)), max_memory_mib);
 }
 
 // The numbers that determine the memory of an adjustment.
@@ -80,16 +78,7 @@ double ToMib(double num_bytes) {
   return kProgramMib + num_bytes / kBytesPerMib;
 }
 
-double EstimateAdjustmentMib(const ModelSize& size, double num_adjusted) {
-  return ToMib(kBytesPerAdjustedKeypoint * size.num_keypoints +
-               kBytesPerPoint * size.num_points +
-               kBytesPerObservation * size.num_observations +
-               kBytesPerImage * size.num_images +
-               kBytesPerAdjustedObservation * num_adjusted);
-}
-
-}  // namespace
-
+// The memory that the mapper needs for an input.
 double EstimateMemoryMib(const MapperInput& input) {
   double num_bytes = 0.0;
   for (const Image& image : input.scene.images) {
@@ -102,6 +91,16 @@ double EstimateMemoryMib(const MapperInput& input) {
   }
   return ToMib(num_bytes);
 }
+
+double EstimateAdjustmentMib(const ModelSize& size, double num_adjusted) {
+  return ToMib(kBytesPerAdjustedKeypoint * size.num_keypoints +
+               kBytesPerPoint * size.num_points +
+               kBytesPerObservation * size.num_observations +
+               kBytesPerImage * size.num_images +
+               kBytesPerAdjustedObservation * num_adjusted);
+}
+
+}  // namespace
 
 void CheckMemory(const MapperInput& input, int max_memory_mib) {
   if (max_memory_mib == 0) return;
@@ -206,15 +205,13 @@ void LogClusters(const ViewGraphPartition& partition, int num_wanted,
                  const Context& context) {
   for (size_t i = 0; i < partition.clusters.size(); ++i) {
     const FrameCluster& cluster = partition.clusters[i];
-    context.Info("cluster " + std::to_string(i) + ": " +
-                 std::to_string(cluster.frame_idxs.size()) + " frames, " +
-                 std::to_string(cluster.num_core_frames) +
-                 " without the overlap");
+    context.Info(Formatted("cluster %zu: %zu frames, %d without the overlap", i,
+                           cluster.frame_idxs.size(), cluster.num_core_frames));
   }
   if (static_cast<int>(partition.clusters.size()) < num_wanted) {
-    context.Info(std::to_string(partition.clusters.size()) + " of " +
-                 std::to_string(num_wanted) +
-                 " clusters: more cuts would cross weak seams");
+    context.Info(
+        Formatted("%zu of %d clusters: more cuts would cross weak seams",
+                  partition.clusters.size(), num_wanted));
   }
   if (!partition.frame_idxs_without_cluster.empty()) {
     context.Warning(
@@ -254,26 +251,25 @@ int PartitionDatabase(const MapperRun& run, const PartitionOptions& options,
   return kExitSuccess;
 }
 
-std::vector<ClusterFile> ReadClusters(const std::string& folder) {
+size_t CountClusters(const std::string& folder) {
   const std::string path = (fs::path(folder) / "clusters.json").string();
   const Json json =
       Json::parse(ReadFile(path, "'" + path + "'"), nullptr, false);
-  const std::string problem =
-      "'" + path +
-      "' is not a list of clusters; write it with mapper "
-      "--partition";
-  std::vector<ClusterFile> clusters;
+  size_t num_clusters = 0;
   try {
-    if (json.at("version").get<int>() != kVersion) throw Error(problem);
     for (const Json& cluster : json.at("clusters")) {
-      clusters.push_back({cluster.at("image_list").get<std::string>(),
-                          cluster.at("num_frames").get<int>()});
+      (void)cluster.at("image_list").get<std::string>();
+      (void)cluster.at("num_frames").get<int>();
+      ++num_clusters;
     }
+    if (json.at("version").get<int>() != kVersion) num_clusters = 0;
   } catch (const Json::exception&) {
-    throw Error(problem);
+    num_clusters = 0;
   }
-  if (clusters.empty()) throw Error(problem);
-  return clusters;
+  if (num_clusters > 0) return num_clusters;
+  throw Error("'" + path +
+              "' is not a list of clusters; write it with mapper "
+              "--partition");
 }
 
 }  // namespace mgsfm

@@ -14,12 +14,9 @@
 
 namespace mgsfm {
 
-// The memory that the mapper needs for an input, in MiB, from its numbers of
-// keypoints and matches.
-double EstimateMemoryMib(const MapperInput& input);
-
-// Throws Error, with the number of clusters that would fit, if the estimate is
-// above the limit. 0: not limited.
+// Throws Error, with the number of clusters that would fit, if the mapper needs
+// more memory for its input, by its numbers of keypoints and matches, than the
+// limit. 0: not limited.
 void CheckMemory(const MapperInput& input, int max_memory_mib);
 
 // The number of observations with which joined models can be adjusted within
@@ -34,13 +31,8 @@ std::optional<size_t> MaxNumAdjustedObservations(
 int PartitionDatabase(const MapperRun& run, const PartitionOptions& options,
                       const Context& context);
 
-// A cluster in this folder.
-struct ClusterFile {
-  std::string image_list;  // the name of the file
-  int num_frames = 0;
-};
-
-// Throws Error, naming the file, if it is not a clusters.json.
-std::vector<ClusterFile> ReadClusters(const std::string& folder);
+// The number of clusters in this folder. Throws Error, naming the file, if it
+// has no valid clusters.json.
+size_t CountClusters(const std::string& folder);
 
 }  // namespace mgsfm

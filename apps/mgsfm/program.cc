@@ -16,13 +16,11 @@
 #include <exiv2/version.hpp>
 #include <filesystem>
 #include <iostream>
-#include <iterator>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/core/version.hpp>
 #include <system_error>
-#include <utility>
 
 #include "base/text.h"
 #include "commands.h"
@@ -64,7 +62,7 @@ std::string VersionText(const std::string& commit) {
 
 struct CommandGroup {
   const char* title;
-  std::vector<Command> commands;
+  std::vector<Command> commands, others = {};
 };
 
 // The groups are in the order in which a first session needs them.
@@ -72,20 +70,13 @@ std::vector<CommandGroup> CommandGroups() {
   return {{"Reconstruction",
            {AutomaticReconstructorCommand(), MapperCommand(),
             BundleAdjusterCommand(), PointTriangulatorCommand()}},
-          {"Images, features and matches",
-           {FeatureExtractorCommand(), FeatureImporterCommand(),
-            ImageSplitterCommand(), VideoSamplerCommand(),
-            RecordingImporterCommand(), RigConfiguratorCommand(),
-            SequentialMatcherCommand(), ExhaustiveMatcherCommand(),
-            VocabTreeMatcherCommand(), SpatialMatcherCommand(),
-            VocabTreeBuilderCommand(), MatchesImporterCommand(),
-            GeometricVerifierCommand()}},
+          {"Images, features and matches", ImageCommands(), MatchingCommands()},
           {"Models",
            {ReportCommand(), ModelEvaluatorCommand(), ModelAnalyzerCommand(),
             ModelConverterCommand(), ImageUndistorterCommand(),
-            ModelAlignerCommand(), ModelMergerCommand(), ModelSplitterCommand(),
-            ModelCropperCommand(), ImageDeleterCommand()}},
-          {"Databases", {DatabaseMergerCommand(), DatabaseCleanerCommand()}},
+            ModelAlignerCommand(), ModelMergerCommand()},
+           ModelEditCommands()},
+          {"Databases", DatabaseCommands()},
           {"Simulation", {SimulateCommand()}}};
 }
 
@@ -93,9 +84,9 @@ std::vector<CommandGroup> CommandGroups() {
 
 std::vector<Command> AllCommands() {
   std::vector<Command> all;
-  for (CommandGroup& group : CommandGroups()) {
-    std::move(group.commands.begin(), group.commands.end(),
-              std::back_inserter(all));
+  for (const CommandGroup& group : CommandGroups()) {
+    all.insert(all.end(), group.commands.begin(), group.commands.end());
+    all.insert(all.end(), group.others.begin(), group.others.end());
   }
   return all;
 }
@@ -139,9 +130,11 @@ void PrintUsage() {
                "Usage: mgsfm COMMAND [--option value ...]\n";
   for (const CommandGroup& group : CommandGroups()) {
     std::printf("\n%s\n", group.title);
-    for (const Command& command : group.commands) {
-      std::printf("  %-23s %s\n", command.name.c_str(),
-                  command.summary.c_str());
+    for (const auto* commands : {&group.commands, &group.others}) {
+      for (const Command& command : *commands) {
+        std::printf("  %-23s %s\n", command.name.c_str(),
+                    command.summary.c_str());
+      }
     }
   }
   std::cout << "\nmgsfm COMMAND --help shows the basic options of a command, "

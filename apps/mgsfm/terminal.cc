@@ -14,7 +14,6 @@
 #include <ctime>
 #include <map>
 #include <memory>
-#include <string>
 #include <utility>
 
 #include "base/format.h"
@@ -31,12 +30,13 @@ std::string Variable(const char* name) {
   return value == nullptr ? "" : value;
 }
 
-}  // namespace
-
+// Whether the standard error stream is a terminal that can overwrite a line.
 bool ErrorStreamIsTerminal() {
   const std::string kind = Variable("TERM");
   return isatty(STDERR_FILENO) != 0 && !kind.empty() && kind != "dumb";
 }
+
+}  // namespace
 
 std::string Colored(Color color, const std::string& text) {
   if (!ErrorStreamIsTerminal() || !Variable("NO_COLOR").empty()) return text;
@@ -190,10 +190,8 @@ std::string FitToTerminal(std::string line) {
 }
 
 std::string NameOf(LogLevel level) {
-  char name[16];
-  const std::string_view text = EnumName(level);
-  std::snprintf(name, sizeof(name), "%-7.*s", static_cast<int>(text.size()),
-                text.data());
+  std::string name(EnumName(level));
+  name.resize(7, ' ');
   if (level == LogLevel::kError) return Colored(Color::kRed, name);
   if (level == LogLevel::kWarning) return Colored(Color::kYellow, name);
   return name;

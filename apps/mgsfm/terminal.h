@@ -8,9 +8,6 @@
 
 namespace mgsfm {
 
-// Whether the standard error stream is a terminal that can overwrite a line.
-bool ErrorStreamIsTerminal();
-
 enum class Color { kRed = 31, kYellow = 33 };
 
 // The text for the standard error stream: colored on a terminal, unless the

@@ -2,6 +2,7 @@
 // Every value that an option may have gives a finite model, or one line that
 // tells why there is none. Each option is set to both ends of its range, with
 // all others at their defaults.
+#include <algorithm>
 #include <cmath>
 
 #include "cli/program_runs.h"
@@ -115,6 +116,13 @@ class OptionExtremes : public testing::Test {
   const TempDir dir_;
 };
 
+Command CommandOf(const std::string& name) {
+  const std::vector<Command> all = AllCommands();
+  return *std::find_if(all.begin(), all.end(), [&](const Command& command) {
+    return command.name == name;
+  });
+}
+
 TEST_F(OptionExtremes, Mapper) {
   MakeDrive();
   Sweep(MapperCommand(),
@@ -158,12 +166,12 @@ TEST_F(OptionExtremes, ExtractionAndMatching) {
       RunMgsfm("feature_extractor --database_path " + Path("base.db") + images)
           .exit_code,
       0);
-  Sweep(FeatureExtractorCommand(), "--database_path " + Path("out") + images,
-        "");
-  for (const Command& command :
-       {ExhaustiveMatcherCommand(), SequentialMatcherCommand(),
-        VocabTreeMatcherCommand()}) {
-    Sweep(command, "--database_path " + Path("work.db"), "", Path("base.db"));
+  Sweep(CommandOf("feature_extractor"),
+        "--database_path " + Path("out") + images, "");
+  for (const char* name :
+       {"exhaustive_matcher", "sequential_matcher", "vocab_tree_matcher"}) {
+    Sweep(CommandOf(name), "--database_path " + Path("work.db"), "",
+          Path("base.db"));
   }
 }
 

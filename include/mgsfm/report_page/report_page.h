@@ -46,15 +46,12 @@ struct ReportPageInput {
   std::optional<PoseComparison> positions = {};
 };
 
-// Stores a file beside the page.
-using SideFileWriter =
-    std::function<void(const std::string& name, const std::string& content)>;
-
 struct ReportPageOptions {
   size_t max_bytes = 10'000'000;
-  // If set, points that do not fit into the page go to files named
+  // If set, points that do not fit into the page go to files beside it named
   // `side_file_stem`.points1.js, ..., which the page loads when asked to.
-  SideFileWriter write_side_file = {};
+  std::function<void(const std::string& name, const std::string& content)>
+      write_side_file = {};
   std::string side_file_stem = "report";
 };
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 
@@ -49,21 +50,27 @@ double RotationDeg(const Rigid3& error) {
   return RadToDeg(AngleBetween(error.rotation, Eigen::Quaterniond::Identity()));
 }
 
+// The length of the true path up to each of the reference images.
+std::vector<double> PathLengths(
+    const std::vector<const ImagePoses*>& references) {
+  std::vector<double> lengths_m(references.size(), 0.0);
+  for (size_t i = 1; i < references.size(); ++i) {
+    lengths_m[i] =
+        lengths_m[i - 1] + (references[i]->cam_from_world.Center() -
+                            references[i - 1]->cam_from_world.Center())
+                               .norm();
+  }
+  return lengths_m;
+}
+
 // Both compare the relative poses of reference images, in their order, after
 // the lengths of the model are multiplied by `scale`. nullopt if there is none
 // to compare.
 std::optional<SegmentErrors> EvaluateSegments(
-    const std::vector<ImagePoses>& images, double scale) {
+    const std::vector<const ImagePoses*>& references,
+    const std::vector<double>& distance_m, double scale) {
   constexpr int kStep = 10;  // images between the starts of segments
   constexpr int kNumLengths = 8;
-  const std::vector<const ImagePoses*> references = ReferenceImages(images);
-  std::vector<double> distance_m(references.size(), 0.0);
-  for (size_t i = 1; i < references.size(); ++i) {
-    distance_m[i] =
-        distance_m[i - 1] + (references[i]->cam_from_world.Center() -
-                             references[i - 1]->cam_from_world.Center())
-                                .norm();
-  }
   SegmentErrors sum;
   for (size_t first = 0; first < references.size(); first += kStep) {
     size_t last = first;
@@ -89,9 +96,8 @@ std::optional<SegmentErrors> EvaluateSegments(
   return sum;
 }
 
-std::optional<StepErrors> EvaluateSteps(const std::vector<ImagePoses>& images,
-                                        double scale) {
-  const std::vector<const ImagePoses*> references = ReferenceImages(images);
+std::optional<StepErrors> EvaluateSteps(
+    const std::vector<const ImagePoses*>& references, double scale) {
   std::vector<double> rotation_deg, translation_m;
   for (size_t i = 1; i < references.size(); ++i) {
     const auto error = RelativeError(*references[i - 1], *references[i], scale);
@@ -180,26 +186,12 @@ std::vector<SensorErrors> EvaluateSensors(
   return all_errors;
 }
 
-double PathLength(const std::vector<ImagePoses>& images) {
-  double length = 0.0;
-  const ImagePoses* last = nullptr;
-  for (const ImagePoses& image : images) {
-    if (!image.is_reference) continue;
-    if (last != nullptr) {
-      length += (image.cam_from_world.Center() - last->cam_from_world.Center())
-                    .norm();
-    }
-    last = &image;
-  }
-  return length;
-}
-
 // Quadratic in the number of reference images, at most a few thousand.
-double Extent(const std::vector<ImagePoses>& images) {
+double Extent(const std::vector<const ImagePoses*>& references) {
   std::vector<Eigen::Vector3d> centers;
-  for (const ImagePoses& image : images) {
-    if (image.is_reference && image.cam_from_model) {
-      centers.push_back(image.cam_from_model->Center());
+  for (const ImagePoses* image : references) {
+    if (image->cam_from_model) {
+      centers.push_back(image->cam_from_model->Center());
     }
   }
   double extent = 0.0;
@@ -219,17 +211,19 @@ Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
   Evaluation evaluation;
   evaluation.is_metric = options.is_metric;
   evaluation.num_images = static_cast<int>(images.size());
-  evaluation.num_registered = static_cast<int>(
-      std::count_if(images.begin(), images.end(), [](const ImagePoses& image) {
+  evaluation.num_registered =
+      static_cast<int>(CountIf(images, [](const ImagePoses& image) {
         return image.cam_from_model.has_value();
       }));
+  const std::vector<const ImagePoses*> references = ReferenceImages(images);
   if (has_true_poses) {
     EvaluateImages(images, options, &evaluation);
-    evaluation.path_m = PathLength(images);
+    const std::vector<double> lengths_m = PathLengths(references);
+    evaluation.path_m = lengths_m.empty() ? 0.0 : lengths_m.back();
     if (evaluation.world_from_model) {
       const double scale = evaluation.world_from_model->scale;
-      evaluation.segments = EvaluateSegments(images, scale);
-      evaluation.steps = EvaluateSteps(images, scale);
+      evaluation.segments = EvaluateSegments(references, lengths_m, scale);
+      evaluation.steps = EvaluateSteps(references, scale);
     }
   } else {
     evaluation.world_from_model = AlignSensors(sensors);
@@ -237,7 +231,7 @@ Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
   if (!evaluation.world_from_model) return evaluation;
   const double scale = evaluation.world_from_model->scale;
   evaluation.sensors = EvaluateSensors(sensors, scale);
-  evaluation.extent_m = scale * Extent(images);
+  evaluation.extent_m = scale * Extent(references);
   return evaluation;
 }
 

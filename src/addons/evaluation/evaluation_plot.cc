@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "base/ranges.h"
 #include "evaluation/svg.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
@@ -13,7 +12,6 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using Segments = std::vector<std::vector<Vector2d>>;
 
 // Sizes of the parts of the drawing, in its units.
 constexpr double kWidth = 960.0, kLeft = 76.0, kRight = 24.0;
@@ -132,34 +130,24 @@ void DrawAxes(const Panel& panel, const std::string& x_label,
   drawing->Text({left, panel.corner.y() - 8.0}, y_label);
 }
 
-void DrawSegments(const Segments& segments, const Panel& panel,
-                  const std::string& style, SvgDrawing* drawing) {
-  for (const std::vector<Vector2d>& segment : segments) {
-    std::vector<Vector2d> points = Transformed(
-        segment, [&](const Vector2d& value) { return panel.ToPage(value); });
-    // A line with a single point is invisible.
-    if (points.size() == 1) points.emplace_back(points[0] + Vector2d(0.5, 0.0));
-    drawing->Path(points, style);
-  }
-}
-
-// The positions of all points, or of registered ones.
+// The positions of all points, or of registered ones, as a line per segment.
 template <class Value>
-Segments CollectSegments(const std::vector<PathPoint>& path,
-                         bool only_registered, const Value& value) {
-  Segments segments;
-  bool is_open = false;
+void DrawPath(const std::vector<PathPoint>& path, bool only_registered,
+              const Value& value, const Panel& panel, const std::string& style,
+              SvgDrawing* drawing) {
+  std::vector<Vector2d> line;
+  const auto finish_line = [&] {
+    // A line with a single point is invisible.
+    if (line.size() == 1) line.emplace_back(line[0] + Vector2d(0.5, 0.0));
+    if (!line.empty()) drawing->Path(line, style);
+    line.clear();
+  };
   for (const PathPoint& point : path) {
-    if (point.begins_segment) is_open = false;
-    if (only_registered && !point.is_registered) {
-      is_open = false;
-      continue;
-    }
-    if (!is_open) segments.emplace_back();
-    is_open = true;
-    segments.back().push_back(value(point));
+    const bool is_drawn = !only_registered || point.is_registered;
+    if (point.begins_segment || !is_drawn) finish_line();
+    if (is_drawn) line.push_back(panel.ToPage(value(point)));
   }
-  return segments;
+  finish_line();
 }
 
 // The true path with a margin and equal scale on both axes.
@@ -208,9 +196,8 @@ void DrawMap(const std::vector<PathPoint>& path, const TopView& view,
   };
   const auto place = [&](const PathPoint& p) { return view.Project(p.center); };
   drawing->BeginClip(panel.corner, panel.size);
-  DrawSegments(CollectSegments(path, false, true_place), panel, kTrueStyle,
-               drawing);
-  DrawSegments(CollectSegments(path, true, place), panel, kModelStyle, drawing);
+  DrawPath(path, false, true_place, panel, kTrueStyle, drawing);
+  DrawPath(path, true, place, panel, kModelStyle, drawing);
   for (const PathPoint& point : path) {
     if (point.is_registered) continue;
     drawing->Cross(panel.ToPage(true_place(point)), 4.0, kMissingStyle);
@@ -248,11 +235,10 @@ void DrawErrors(const std::vector<PathPoint>& path,
   DrawAxes(panel, "distance driven [" + labels.length_unit + "]", label,
            drawing);
   drawing->BeginClip(panel.corner, panel.size);
-  DrawSegments(CollectSegments(path, true,
-                               [&](const PathPoint& p) {
-                                 return Vector2d(p.distance_m, error(p));
-                               }),
-               panel, kModelStyle, drawing);
+  DrawPath(
+      path, true,
+      [&](const PathPoint& p) { return Vector2d(p.distance_m, error(p)); },
+      panel, kModelStyle, drawing);
   for (const PathPoint& point : path) {
     if (point.is_registered) continue;
     drawing->Cross(panel.ToPage({point.distance_m, 0.02 * limit}), 3.0,
@@ -266,17 +252,15 @@ std::string Title(const Evaluation& evaluation,
   std::string title = std::to_string(evaluation.num_registered) + " of " +
                       std::to_string(evaluation.num_images) +
                       " images registered";
-  if (evaluation.position_m) {
-    const ErrorStatistics& position = *evaluation.position_m;
+  if (const auto& position = evaluation.position_m) {
     title += "; position " + labels.difference + ": mean " +
-             FormatNumber(position.mean, 4) + ", median " +
-             FormatNumber(position.median, 4) + ", max " +
-             FormatNumber(position.max, 4) + " " + labels.length_unit;
+             FormatNumber(position->mean, 4) + ", median " +
+             FormatNumber(position->median, 4) + ", max " +
+             FormatNumber(position->max, 4) + " " + labels.length_unit;
   }
-  if (evaluation.rotation_deg) {
-    const ErrorStatistics& rotation = *evaluation.rotation_deg;
-    title += "; rotation: mean " + FormatNumber(rotation.mean, 3) + ", max " +
-             FormatNumber(rotation.max, 3) + " deg";
+  if (const auto& rotation = evaluation.rotation_deg) {
+    title += "; rotation: mean " + FormatNumber(rotation->mean, 3) + ", max " +
+             FormatNumber(rotation->max, 3) + " deg";
   }
   return title;
 }
@@ -285,7 +269,11 @@ std::string Title(const Evaluation& evaluation,
 
 std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
                             const Evaluation& evaluation,
-                            const EvaluationLabels& labels) {
+                            const EvaluationLabels& given) {
+  EvaluationLabels labels = given;
+  if (labels.length_unit.empty()) {
+    labels.length_unit = LengthUnitName(evaluation);
+  }
   const std::vector<PathPoint> path = CollectPath(images, evaluation);
   if (path.empty()) {
     SvgDrawing drawing(kWidth, kHeader);

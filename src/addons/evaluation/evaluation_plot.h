@@ -18,7 +18,7 @@ struct EvaluationLabels {
   std::string reference = "ground truth";
   std::string compared = "model";
   std::string difference = "error";
-  std::string length_unit = "m";
+  std::string length_unit = {};  // "": that of the evaluation
 };
 
 // An SVG plot of an evaluation: the estimated and true paths in top view, with

@@ -10,10 +10,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-double LengthErrorPercent(const SensorErrors& errors) {
-  return 100.0 * (errors.length_m / errors.true_length_m - 1.0);
-}
-
 std::string SensorsToText(const std::vector<SensorErrors>& sensors,
                           const char* unit) {
   std::string text =
@@ -24,8 +20,10 @@ std::string SensorsToText(const std::vector<SensorErrors>& sensors,
         errors.direction_deg ? Formatted("%.4f deg", *errors.direction_deg)
                              : "-";
     const std::string percent =
-        errors.direction_deg ? Formatted("%+.2f %%", LengthErrorPercent(errors))
-                             : "-";
+        errors.direction_deg
+            ? Formatted("%+.2f %%",
+                        100.0 * (errors.length_m / errors.true_length_m - 1.0))
+            : "-";
     text += Formatted("%-16s %8.4f deg %13s %8.4f %s %8.4f %s %9s\n",
                       errors.name.c_str(), errors.rotation_deg,
                       direction.c_str(), errors.length_m, unit,

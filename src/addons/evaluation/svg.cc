@@ -13,8 +13,15 @@
 namespace mgsfm {
 namespace {
 
+using Eigen::Vector2d;
+
 std::string Attribute(const char* name, double value) {
   return std::string(" ") + name + "='" + FormatNumber(value, 2) + "'";
+}
+
+std::string RectangleAttributes(const Vector2d& corner, const Vector2d& size) {
+  return Attribute("x", corner.x()) + Attribute("y", corner.y()) +
+         Attribute("width", size.x()) + Attribute("height", size.y());
 }
 
 }  // namespace
@@ -67,17 +74,14 @@ TopView ViewFromAbove(const Eigen::Vector3d& sum_of_upward, size_t num_cameras,
   return {right, normal.cross(right)};
 }
 
-SvgDrawing::SvgDrawing(double width, double height)
-    : width_(width), height_(height) {}
-
-void SvgDrawing::Line(const Eigen::Vector2d& from, const Eigen::Vector2d& to,
+void SvgDrawing::Line(const Vector2d& from, const Vector2d& to,
                       const std::string& style) {
   body_ += "<line" + Attribute("x1", from.x()) + Attribute("y1", from.y()) +
            Attribute("x2", to.x()) + Attribute("y2", to.y()) + " " + style +
            "/>\n";
 }
 
-void SvgDrawing::Path(const std::vector<Eigen::Vector2d>& points,
+void SvgDrawing::Path(const std::vector<Vector2d>& points,
                       const std::string& style) {
   body_ += "<polyline fill='none' " + style + " points='";
   for (size_t i = 0; i < points.size(); ++i) {
@@ -88,68 +92,59 @@ void SvgDrawing::Path(const std::vector<Eigen::Vector2d>& points,
   body_ += "'/>\n";
 }
 
-void SvgDrawing::Dot(const Eigen::Vector2d& center, double radius,
+void SvgDrawing::Dot(const Vector2d& center, double radius,
                      const std::string& style) {
   body_ += "<circle" + Attribute("cx", center.x()) +
            Attribute("cy", center.y()) + Attribute("r", radius) + " " + style +
            "/>\n";
 }
 
-void SvgDrawing::Cross(const Eigen::Vector2d& center, double radius,
+void SvgDrawing::Cross(const Vector2d& center, double radius,
                        const std::string& style) {
-  const Eigen::Vector2d diagonal(radius, radius), other(radius, -radius);
+  const Vector2d diagonal(radius, radius), other(radius, -radius);
   Line(center - diagonal, center + diagonal, style);
   Line(center - other, center + other, style);
 }
 
-void SvgDrawing::Frame(const Eigen::Vector2d& corner,
-                       const Eigen::Vector2d& size, const std::string& style) {
-  body_ += "<rect fill='none'" + Attribute("x", corner.x()) +
-           Attribute("y", corner.y()) + Attribute("width", size.x()) +
-           Attribute("height", size.y()) + " " + style + "/>\n";
-}
-
-void SvgDrawing::Box(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
-                     const std::string& style) {
-  body_ += "<rect" + Attribute("x", corner.x()) + Attribute("y", corner.y()) +
-           Attribute("width", size.x()) + Attribute("height", size.y()) + " " +
+void SvgDrawing::Frame(const Vector2d& corner, const Vector2d& size,
+                       const std::string& style) {
+  body_ += "<rect fill='none'" + RectangleAttributes(corner, size) + " " +
            style + "/>\n";
 }
 
-void SvgDrawing::Ellipse(const Eigen::Vector2d& center,
-                         const Eigen::Vector2d& radii, double rotation_deg,
-                         const std::string& style) {
+void SvgDrawing::Box(const Vector2d& corner, const Vector2d& size,
+                     const std::string& style) {
+  body_ += "<rect" + RectangleAttributes(corner, size) + " " + style + "/>\n";
+}
+
+void SvgDrawing::Ellipse(const Vector2d& center, const Vector2d& radii,
+                         double rotation_deg, const std::string& style) {
   body_ += "<ellipse" + Attribute("rx", radii.x()) +
            Attribute("ry", radii.y()) + " transform='translate(" +
            FormatNumber(center.x(), 2) + " " + FormatNumber(center.y(), 2) +
            ") rotate(" + FormatNumber(rotation_deg, 2) + ")' " + style + "/>\n";
 }
 
-void SvgDrawing::Pixels(const Eigen::Vector2d& corner,
-                        const Eigen::Vector2d& size, const std::string& url) {
-  body_ += "<image" + Attribute("x", corner.x()) + Attribute("y", corner.y()) +
-           Attribute("width", size.x()) + Attribute("height", size.y()) +
+void SvgDrawing::Pixels(const Vector2d& corner, const Vector2d& size,
+                        const std::string& url) {
+  body_ += "<image" + RectangleAttributes(corner, size) +
            " preserveAspectRatio='none' style='image-rendering:pixelated' "
            "href='" +
            url + "'/>\n";
 }
 
-void SvgDrawing::Text(const Eigen::Vector2d& at, const std::string& text,
+void SvgDrawing::Text(const Vector2d& at, const std::string& text,
                       const std::string& style) {
   body_ += "<text" + Attribute("x", at.x()) + Attribute("y", at.y()) + " " +
            style + ">" + EscapeMarkup(text) + "</text>\n";
 }
 
-void SvgDrawing::BeginClip(const Eigen::Vector2d& corner,
-                           const Eigen::Vector2d& size) {
+void SvgDrawing::BeginClip(const Vector2d& corner, const Vector2d& size) {
   const std::string id = "clip" + std::to_string(++num_clips_);
-  body_ += "<clipPath id='" + id + "'><rect" + Attribute("x", corner.x()) +
-           Attribute("y", corner.y()) + Attribute("width", size.x()) +
-           Attribute("height", size.y()) +
+  body_ += "<clipPath id='" + id + "'><rect" +
+           RectangleAttributes(corner, size) +
            "/></clipPath>\n<g clip-path='url(#" + id + ")'>\n";
 }
-
-void SvgDrawing::EndClip() { body_ += "</g>\n"; }
 
 std::string SvgDrawing::ToString() const {
   const std::string width = FormatNumber(width_, 2);

@@ -10,7 +10,7 @@ namespace mgsfm {
 // An SVG drawing. Coordinates are in px from the upper left corner.
 class SvgDrawing {
  public:
-  SvgDrawing(double width, double height);
+  SvgDrawing(double width, double height) : width_(width), height_(height) {}
 
   // `style` contains SVG attributes, e.g. "stroke='#888' stroke-width='2'".
   void Line(const Eigen::Vector2d& from, const Eigen::Vector2d& to,
@@ -37,7 +37,7 @@ class SvgDrawing {
 
   // Clips all elements up to EndClip() to a rectangle.
   void BeginClip(const Eigen::Vector2d& corner, const Eigen::Vector2d& size);
-  void EndClip();
+  void EndClip() { body_ += "</g>\n"; }
 
   std::string ToString() const;
 

@@ -6,10 +6,12 @@
 #include <set>
 #include <utility>
 
+#include "base/format.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/models/trajectory_io.h"
 #include "models/model_checks.h"
 #include "rigs/image_times.h"
 
@@ -63,10 +65,6 @@ void ChangeReference(int sensor_idx, Scene* scene) {
 
 }  // namespace
 
-bool PosedScene::IsReference(int image_idx) const {
-  return scene.IsReference(scene.images[image_idx].sensor_idx);
-}
-
 std::optional<int> PosedScene::FindSensor(const std::string& folder) const {
   const auto found = sensor_of_folder.find(folder);
   if (found != sensor_of_folder.end()) return found->second;
@@ -79,16 +77,16 @@ std::optional<int> PosedScene::FindSensor(const std::string& folder) const {
 PosedScene ReadPosedScene(const std::string& path,
                           const std::string& image_prefix,
                           const std::string& reference,
-                          const SceneLoadingOptions& naming) {
+                          const std::string& rig_name_rule) {
   PoseModel poses = ReadModelPoses(path);
-  if (*naming.rig_name_rule == "auto") CheckModelTables(poses, path);
+  SceneLoadingOptions naming;
+  naming.rig_name_rule = rig_name_rule;
+  if (rig_name_rule == "auto") CheckModelTables(poses, path);
   KeepPrefix(path, image_prefix, &poses);
   PosedScene model;
   model.scene = LoadScene(ToContents(poses, path), naming, Context()).scene;
   // Scene and model are both sorted by name.
-  for (const ModelImage& image : poses.images) {
-    model.cam_from_world.push_back(image.cam_from_world);
-  }
+  model.cam_from_world = Transformed(poses.images, &ModelImage::cam_from_world);
   for (const Image& image : model.scene.images) {
     model.sensor_of_folder.emplace(FolderOfName(image.name), image.sensor_idx);
   }
@@ -102,107 +100,6 @@ PosedScene ReadPosedScene(const std::string& path,
   return model;
 }
 
-namespace {
-
-// An image and the pose of the trajectory that it belongs to.
-using PlacedImage = std::pair<size_t, ImagePoses>;
-
-class TrajectoryPairing {
- public:
-  TrajectoryPairing(const PosedScene& model, const TrueTrajectory& trajectory,
-                    const std::vector<std::optional<Rigid3>>& sensor_from_ref)
-      : model_(model),
-        trajectory_(trajectory),
-        sensor_from_ref_(sensor_from_ref) {}
-
-  void AddModel() {
-    for (size_t i = 0; i < model_.scene.images.size(); ++i) {
-      const Image& image = model_.scene.images[i];
-      Add(image.name, image.sensor_idx, model_.cam_from_world[i]);
-    }
-  }
-
-  void AddMissingImages(const std::vector<std::string>& names) {
-    for (const std::string& name : names) {
-      const auto sensor_idx = model_.FindSensor(FolderOfName(name));
-      if (sensor_idx) Add(name, *sensor_idx, std::nullopt);
-    }
-  }
-
-  // Adds frames of the rig with the most images.
-  void AddMissingFrames() {
-    if (images_.empty()) return;
-    std::vector<int> num_images(model_.scene.rigs.size(), 0);
-    for (const Image& image : model_.scene.images) {
-      ++num_images[model_.scene.sensors[image.sensor_idx].rig_idx];
-    }
-    const auto most = std::max_element(num_images.begin(), num_images.end());
-    const Rig& rig = model_.scene.rigs[most - num_images.begin()];
-    for (const size_t pose : PosesInGaps()) {
-      for (const int sensor_idx : rig.sensor_idxs) {
-        AddAt(pose, "", sensor_idx, std::nullopt);
-      }
-    }
-  }
-
-  std::vector<ImagePoses> TakeInOrder() {
-    StableSortBy(&images_, &PlacedImage::first);
-    std::vector<ImagePoses> ordered;
-    for (PlacedImage& image : images_) {
-      ordered.push_back(std::move(image.second));
-    }
-    return ordered;
-  }
-
- private:
-  void Add(const std::string& name, int sensor_idx,
-           const std::optional<Rigid3>& cam_from_model) {
-    const auto pose = trajectory_.pose_of_frame.find(StemOfName(name));
-    if (pose == trajectory_.pose_of_frame.end()) return;
-    AddAt(pose->second, name, sensor_idx, cam_from_model);
-  }
-
-  void AddAt(size_t pose, const std::string& name, int sensor_idx,
-             const std::optional<Rigid3>& cam_from_model) {
-    const std::optional<Rigid3>& sensor_from_ref = sensor_from_ref_[sensor_idx];
-    if (!sensor_from_ref) return;
-    images_.push_back(
-        {pose,
-         {name, model_.scene.IsReference(sensor_idx), cam_from_model,
-          *sensor_from_ref * trajectory_.ref_from_world[pose]}});
-  }
-
-  std::vector<size_t> PosesInGaps() const {
-    std::set<size_t> used;
-    for (const PlacedImage& image : images_) used.insert(image.first);
-    const std::vector<size_t> poses(used.begin(), used.end());
-    std::vector<size_t> steps;
-    for (size_t i = 1; i < poses.size(); ++i) {
-      steps.push_back(poses[i] - poses[i - 1]);
-    }
-    if (steps.empty()) return {};
-    std::vector<size_t> sorted = steps;
-    std::sort(sorted.begin(), sorted.end());
-    const auto median = static_cast<double>(sorted[sorted.size() / 2]);
-    std::vector<size_t> in_gaps;
-    for (size_t i = 0; i < steps.size(); ++i) {
-      const auto num_steps =
-          static_cast<size_t>(std::lround(steps[i] / median));
-      for (size_t k = 1; k < num_steps; ++k) {
-        in_gaps.push_back(poses[i] + k * steps[i] / num_steps);
-      }
-    }
-    return in_gaps;
-  }
-
-  const PosedScene& model_;
-  const TrueTrajectory& trajectory_;
-  const std::vector<std::optional<Rigid3>>& sensor_from_ref_;
-  std::vector<PlacedImage> images_;
-};
-
-}  // namespace
-
 std::optional<double> ParseNumber(const std::string& text) {
   if (text.empty() ||
       text.find_first_not_of("0123456789.") != std::string::npos) {
@@ -211,6 +108,52 @@ std::optional<double> ParseNumber(const std::string& text) {
   return ParseDouble(text);
 }
 
+namespace {
+
+// True poses of the reference sensor, and which of them belongs to each frame;
+// frames are known by the names of their images without folder and extension.
+struct TrueTrajectory {
+  std::vector<Rigid3> ref_from_world;
+  std::map<std::string, size_t> pose_of_frame;
+};
+
+// An image and the pose of the trajectory that it belongs to.
+using PlacedImage = std::pair<size_t, ImagePoses>;
+
+// The rig with the most images.
+const Rig& LargestRig(const Scene& scene) {
+  std::vector<int> num_images(scene.rigs.size(), 0);
+  for (const Image& image : scene.images) {
+    ++num_images[scene.sensors[image.sensor_idx].rig_idx];
+  }
+  const auto most = std::max_element(num_images.begin(), num_images.end());
+  return scene.rigs[most - num_images.begin()];
+}
+
+// The poses of the trajectory at the median step of the images between them.
+std::vector<size_t> PosesInGaps(const std::vector<PlacedImage>& images) {
+  std::vector<size_t> poses = Transformed(images, &PlacedImage::first);
+  SortUnique(&poses);
+  std::vector<size_t> steps;
+  for (size_t i = 1; i < poses.size(); ++i) {
+    steps.push_back(poses[i] - poses[i - 1]);
+  }
+  if (steps.empty()) return {};
+  std::vector<size_t> sorted = steps;
+  std::sort(sorted.begin(), sorted.end());
+  const auto median = static_cast<double>(sorted[sorted.size() / 2]);
+  std::vector<size_t> in_gaps;
+  for (size_t i = 0; i < steps.size(); ++i) {
+    const auto num_steps = static_cast<size_t>(std::lround(steps[i] / median));
+    for (size_t k = 1; k < num_steps; ++k) {
+      in_gaps.push_back(poses[i] + k * steps[i] / num_steps);
+    }
+  }
+  return in_gaps;
+}
+
+// Assigns poses to frames by line number (from 0), if the names of frames are
+// numbers; else in order, if there are equally many. Errors name `path`.
 TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
                               std::vector<Rigid3> ref_from_world,
                               const std::string& path) {
@@ -222,9 +165,10 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
                         *number == std::floor(*number);
   }
   if (!are_line_numbers && frames.size() != num_poses) {
-    throw Error("'" + path + "' has " + std::to_string(num_poses) +
-                " poses for the " + std::to_string(frames.size()) +
-                " frames of the model, whose names are not line numbers");
+    throw Error(
+        Formatted("'%s' has %zu poses for the %zu frames of the model, whose "
+                  "names are not line numbers",
+                  path.c_str(), num_poses, frames.size()));
   }
   TrueTrajectory trajectory{std::move(ref_from_world), {}};
   for (size_t i = 0; i < frames.size(); ++i) {
@@ -233,8 +177,6 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
   }
   return trajectory;
 }
-
-namespace {
 
 bool MayBeCounter(const std::string& frame) {
   constexpr size_t kMaxCounterDigits = 9;  // UNIX times in s have ten
@@ -268,8 +210,11 @@ std::map<size_t, std::pair<double, std::string>> NearestFrames(
   return frame_of_pose;
 }
 
-}  // namespace
-
+// Assigns poses to frames by the times in their names (TimeOrNumberInStem),
+// within half the mean step between poses, the nearest frame to each pose; else
+// in order.
+// Throws Error if no frame is near a pose, or if names may be both counters and
+// times.
 TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
                             const std::vector<TimedPose>& poses,
                             const std::string& path) {
@@ -307,6 +252,9 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
   return trajectory;
 }
 
+// Sorted names of all frames of the model, and of frames of other images in the
+// folders of its sensors. Throws Error if two frames of the model have the same
+// name, as in two sequences.
 std::vector<std::string> FrameNames(const PosedScene& model,
                                     const ImageNames& other_images) {
   std::map<std::string, int> frame_of_name;
@@ -315,8 +263,7 @@ std::vector<std::string> FrameNames(const PosedScene& model,
         frame_of_name.emplace(StemOfName(image.name), image.frame_idx);
     if (is_new || other->second == image.frame_idx) continue;
     throw Error("image '" + image.name +
-                "' is called like one of another "
-                "frame, '" +
+                "' is called like one of another frame, '" +
                 model.scene.frames[other->second].name +
                 "'; choose the sequence of the true poses with --image_prefix");
   }
@@ -330,18 +277,51 @@ std::vector<std::string> FrameNames(const PosedScene& model,
                      [](const auto& frame) { return frame.first; });
 }
 
+}  // namespace
+
 std::vector<ImagePoses> PairWithTrajectory(
-    const PosedScene& model, const TrueTrajectory& trajectory,
+    const PosedScene& model, const std::string& gt_path, TruthFormat format,
     const std::vector<std::optional<Rigid3>>& sensor_from_ref,
     const ImageNames& other_images) {
-  TrajectoryPairing pairing(model, trajectory, sensor_from_ref);
-  pairing.AddModel();
-  if (other_images) {
-    pairing.AddMissingImages(*other_images);
-  } else {
-    pairing.AddMissingFrames();
+  const std::vector<std::string> frames = FrameNames(model, other_images);
+  const TrueTrajectory trajectory =
+      format == TruthFormat::kKitti
+          ? AssignByNumber(frames, ReadKittiPoses(gt_path), gt_path)
+          : AssignByTime(frames, ReadTumPoses(gt_path), gt_path);
+  std::vector<PlacedImage> images;
+  const auto add_at = [&](size_t pose, const std::string& name, int sensor_idx,
+                          const std::optional<Rigid3>& cam_from_model) {
+    if (!sensor_from_ref[sensor_idx]) return;
+    images.push_back(
+        {pose,
+         {name, model.scene.IsReference(sensor_idx), cam_from_model,
+          *sensor_from_ref[sensor_idx] * trajectory.ref_from_world[pose]}});
+  };
+  const auto add = [&](const std::string& name, int sensor_idx,
+                       const std::optional<Rigid3>& cam_from_model) {
+    const auto pose = trajectory.pose_of_frame.find(StemOfName(name));
+    if (pose == trajectory.pose_of_frame.end()) return;
+    add_at(pose->second, name, sensor_idx, cam_from_model);
+  };
+  for (size_t i = 0; i < model.scene.images.size(); ++i) {
+    const Image& image = model.scene.images[i];
+    add(image.name, image.sensor_idx, model.cam_from_world[i]);
   }
-  return pairing.TakeInOrder();
+  if (other_images) {
+    for (const std::string& name : *other_images) {
+      const auto sensor_idx = model.FindSensor(FolderOfName(name));
+      if (sensor_idx) add(name, *sensor_idx, std::nullopt);
+    }
+  } else if (!images.empty()) {
+    const Rig& rig = LargestRig(model.scene);
+    for (const size_t pose : PosesInGaps(images)) {
+      for (const int sensor_idx : rig.sensor_idxs) {
+        add_at(pose, "", sensor_idx, std::nullopt);
+      }
+    }
+  }
+  StableSortBy(&images, &PlacedImage::first);
+  return Transformed(images, &PlacedImage::second);
 }
 
 }  // namespace mgsfm

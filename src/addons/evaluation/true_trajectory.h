@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "evaluation/truth_comparison.h"
 #include "mgsfm/evaluation/evaluation.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/models/model_io.h"
 #include "mgsfm/models/scene_loading.h"
-#include "mgsfm/models/trajectory_io.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -24,7 +24,9 @@ struct PosedScene {
   std::vector<Rigid3> cam_from_world;  // of scene.images
   std::map<std::string, int> sensor_of_folder;
 
-  bool IsReference(int image_idx) const;
+  bool IsReference(int image_idx) const {
+    return scene.IsReference(scene.images[image_idx].sensor_idx);
+  }
   // The sensor with images in this folder, or with its name.
   std::optional<int> FindSensor(const std::string& folder) const;
 };
@@ -35,28 +37,7 @@ struct PosedScene {
 PosedScene ReadPosedScene(const std::string& path,
                           const std::string& image_prefix,
                           const std::string& reference,
-                          const SceneLoadingOptions& naming);
-
-// True poses of the reference sensor, and which of them belongs to each frame;
-// frames are known by the names of their images without folder and extension.
-struct TrueTrajectory {
-  std::vector<Rigid3> ref_from_world;
-  std::map<std::string, size_t> pose_of_frame;
-};
-
-// Assigns poses to frames by line number (from 0), if the names of frames are
-// numbers; else in order, if there are equally many. Errors name `path`.
-TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
-                              std::vector<Rigid3> ref_from_world,
-                              const std::string& path);
-// Assigns poses to frames by the times in their names (TimeOrNumberInStem),
-// within half the mean step between poses, the nearest frame to each pose; else
-// in order.
-// Throws Error if no frame is near a pose, or if names may be both counters and
-// times.
-TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
-                            const std::vector<TimedPose>& poses,
-                            const std::string& path);
+                          const std::string& rig_name_rule);
 
 // The number that a text consists of.
 std::optional<double> ParseNumber(const std::string& text);
@@ -64,19 +45,13 @@ std::optional<double> ParseNumber(const std::string& text);
 // Names of images that the model may lack; nullopt if they are unknown.
 using ImageNames = std::optional<std::vector<std::string>>;
 
-// Sorted names of all frames of the model, and of frames of other images in the
-// folders of its sensors. Throws Error if two frames of the model have the same
-// name, as in two sequences.
-std::vector<std::string> FrameNames(const PosedScene& model,
-                                    const ImageNames& other_images);
-
-// Model and truth, image by image, in the order of the trajectory. Sensors that
-// are not in `sensor_from_ref` (per sensor of the model) are skipped. Images
-// that the model lacks are added: other_images or, if these are not known, all
-// of frames in gaps of the model, which are true poses that lie at its median
-// step between two of its frames.
+// Model and truth, image by image, in the order of the trajectory in the file
+// gt_path, which is of KITTI or TUM. Sensors that are not in `sensor_from_ref`
+// (per sensor of the model) are skipped. Images that the model lacks are added:
+// other_images or, if these are not known, all of frames in gaps of the model,
+// which are true poses that lie at its median step between two of its frames.
 std::vector<ImagePoses> PairWithTrajectory(
-    const PosedScene& model, const TrueTrajectory& trajectory,
+    const PosedScene& model, const std::string& gt_path, TruthFormat format,
     const std::vector<std::optional<Rigid3>>& sensor_from_ref,
     const ImageNames& other_images);
 

@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <map>
 #include <set>
-#include <utility>
 
+#include "base/format.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
@@ -17,10 +17,10 @@
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/database.h"
-#include "mgsfm/models/scene_loading.h"
 #include "mgsfm/models/trajectory_io.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "mgsfm/rigs/rig_config.h"
+#include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
@@ -126,11 +126,7 @@ std::vector<Rigid3> ReadCameras(const std::string& calib_path) {
   if (extension != ".yaml" && extension != ".yml") {
     return ReadKittiCalibration(paths.front());
   }
-  std::vector<Rigid3> cameras;
-  for (const std::string& path : paths) {
-    cameras.push_back(ReadEurocCalibration(path));
-  }
-  return cameras;
+  return Transformed(paths, ReadEurocCalibration);
 }
 
 // The number at the end of a name, such as 2 of image_2.
@@ -139,42 +135,28 @@ std::optional<double> CameraNumber(const std::string& sensor_name) {
   return ParseNumber(sensor_name.substr(digits));
 }
 
-[[noreturn]] void ThrowUnpaired(const std::string& calib_path,
-                                size_t num_calibrations, size_t num_cameras,
-                                const std::string& name) {
-  throw Error("'" + calib_path + "' has " + std::to_string(num_calibrations) +
-              " cameras for the " + std::to_string(num_cameras) +
-              " of the model, and the name of '" + name +
-              "' does not tell which is its; give one calibration per "
-              "camera, or a rig_config.json");
-}
-
-// Cameras without a number go by their order, so there must be as many.
-void CheckIsPaired(const std::map<std::string, int>& sensors,
-                   size_t num_cameras, const std::string& calib_path) {
+// The cameras of sensors by name: image_2 and image_3 are the third and fourth
+// of KITTI's matrices, others go by their order, so there must be as many.
+std::vector<Rigid3> PairCameras(const std::map<std::string, int>& sensors,
+                                const std::vector<Rigid3>& cameras,
+                                const std::string& calib_path) {
+  std::vector<Rigid3> paired;
   for (const auto& [name, sensor_idx] : sensors) {
     const auto number = CameraNumber(name);
     const bool is_numbered =
-        number && *number < static_cast<double>(num_cameras);
-    if (is_numbered || sensors.size() == num_cameras) continue;
-    ThrowUnpaired(calib_path, num_cameras, sensors.size(), name);
+        number && *number < static_cast<double>(cameras.size());
+    if (!is_numbered && sensors.size() != cameras.size()) {
+      throw Error(Formatted(
+          "'%s' has %zu cameras for the %zu of the model, and the name of '%s' "
+          "does not tell which is its; give one calibration per camera, or a "
+          "rig_config.json",
+          calib_path.c_str(), cameras.size(), sensors.size(), name.c_str()));
+    }
+    const size_t order = paired.size();
+    paired.push_back(
+        cameras[is_numbered ? static_cast<size_t>(*number) : order]);
   }
-}
-
-// The camera of a sensor: image_2 and image_3 are the third and fourth of
-// KITTI's matrices, others go by their order.
-const Rigid3& CameraOf(const std::string& sensor_name, size_t order,
-                       const std::vector<Rigid3>& cameras,
-                       const std::string& calib_path) {
-  const auto number = CameraNumber(sensor_name);
-  const size_t k = number && *number < static_cast<double>(cameras.size())
-                       ? static_cast<size_t>(*number)
-                       : order;
-  if (k >= cameras.size()) {
-    throw Error("'" + calib_path + "' has no camera for the images of '" +
-                sensor_name + "'");
-  }
-  return cameras[k];
+  return paired;
 }
 
 // The cameras of a rig configuration that images of the sensor have.
@@ -258,10 +240,10 @@ TrueSensors ReadTrueSensors(const std::string& calib_path,
     for (const int sensor_idx : model.scene.rigs[rig_idx].sensor_idxs) {
       by_name[model.scene.sensors[sensor_idx].name] = sensor_idx;
     }
-    CheckIsPaired(by_name, cameras.size(), calib_path);
+    const auto paired = PairCameras(by_name, cameras, calib_path);
     size_t order = 0;
     for (const auto& [name, sensor_idx] : by_name) {
-      sensors[sensor_idx] = CameraOf(name, order++, cameras, calib_path);
+      sensors[sensor_idx] = paired[order++];
     }
     const Rigid3 any_from_ref =
         sensors[model.scene.rigs[rig_idx].ref_sensor_idx]->Inverse();
@@ -312,22 +294,16 @@ TrueSensors FindTrueSensors(const PosedScene& model, const PosedScene& truth,
 
 TruthComparison CompareWithModel(const TruthSource& source,
                                  const PosedScene& model) {
-  SceneLoadingOptions naming;
-  naming.rig_name_rule = source.rig_name_rule;
-  const PosedScene truth =
-      ReadPosedScene(source.gt_path, source.image_prefix, "", naming);
-  std::map<std::string, size_t> image_of_name;
-  for (size_t i = 0; i < model.scene.images.size(); ++i) {
-    image_of_name[model.scene.images[i].name] = i;
-  }
+  const PosedScene truth = ReadPosedScene(source.gt_path, source.image_prefix,
+                                          "", source.rig_name_rule);
+  const auto image_of_name = IndexByName(model.scene.images);
   // Whether a ground-truth sensor is a reference of the model; --reference may
   // select another one.
   std::vector<std::optional<bool>> is_reference(truth.scene.sensors.size());
   for (const Image& image : truth.scene.images) {
     const auto found = image_of_name.find(image.name);
     if (found == image_of_name.end()) continue;
-    is_reference[image.sensor_idx] =
-        model.IsReference(static_cast<int>(found->second));
+    is_reference[image.sensor_idx] = model.IsReference(found->second);
   }
   TruthComparison comparison;
   std::vector<int> true_image_of_image(model.scene.images.size(), -1);
@@ -339,9 +315,8 @@ TruthComparison CompareWithModel(const TruthSource& source,
         std::nullopt, truth.cam_from_world[true_idx]};
     const auto found = image_of_name.find(image.name);
     if (found != image_of_name.end()) {
-      const size_t image_idx = found->second;
-      true_image_of_image[image_idx] = true_idx;
-      poses.cam_from_model = model.cam_from_world[image_idx];
+      true_image_of_image[found->second] = true_idx;
+      poses.cam_from_model = model.cam_from_world[found->second];
     }
     comparison.images.push_back(std::move(poses));
   };
@@ -379,55 +354,40 @@ ImageNames ReadOtherImages(const TruthSource& source, const PosedScene& model) {
   if (source.database_path.empty()) return std::nullopt;
   std::set<std::string> in_model;
   for (const Image& image : model.scene.images) in_model.insert(image.name);
-  std::vector<std::string> others;
-  for (std::string& name : ReadImageNames(source.database_path)) {
-    const bool has_prefix =
-        name.compare(0, source.image_prefix.size(), source.image_prefix) == 0;
-    if (has_prefix && in_model.count(name) == 0) {
-      others.push_back(std::move(name));
-    }
-  }
+  const std::string& prefix = source.image_prefix;
+  std::vector<std::string> others = ReadImageNames(source.database_path);
+  EraseIf(&others, [&](const std::string& name) {
+    return name.compare(0, prefix.size(), prefix) != 0 ||
+           in_model.count(name) > 0;
+  });
   return others;
 }
 
 TruthComparison CompareWithTrajectory(const TruthSource& source,
                                       const PosedScene& model,
                                       const TrueSensors& true_sensors) {
-  const ImageNames others = ReadOtherImages(source, model);
-  const std::vector<std::string> frames = FrameNames(model, others);
-  const TrueTrajectory trajectory =
-      source.gt_format == TruthFormat::kKitti
-          ? AssignByNumber(frames, ReadKittiPoses(source.gt_path),
-                           source.gt_path)
-          : AssignByTime(frames, ReadTumPoses(source.gt_path), source.gt_path);
   TruthComparison comparison;
   comparison.images =
-      PairWithTrajectory(model, trajectory, true_sensors, others);
+      PairWithTrajectory(model, source.gt_path, source.gt_format, true_sensors,
+                         ReadOtherImages(source, model));
   comparison.sensors = PairSensors(model, true_sensors);
   return comparison;
 }
 
 bool IsMetric(const TruthSource& source) {
-  switch (source.gt_format) {
-    case TruthFormat::kColmap:
-      return ReadGeoOrigin(source.gt_path).has_value();
-    case TruthFormat::kKitti:
-    case TruthFormat::kTum:
-      return true;
-    case TruthFormat::kRig:
-      return std::filesystem::path(source.calib_path).extension() != ".json";
+  if (source.gt_format == TruthFormat::kColmap) {
+    return ReadGeoOrigin(source.gt_path).has_value();
   }
-  return false;
+  return source.gt_format != TruthFormat::kRig ||
+         std::filesystem::path(source.calib_path).extension() != ".json";
 }
 
 std::vector<std::string> UnpairedImages(const PosedScene& model,
                                         const TruthComparison& comparison) {
   std::set<std::string> paired;
   for (const ImagePoses& image : comparison.images) paired.insert(image.name);
-  std::vector<std::string> names;
-  for (const Image& image : model.scene.images) {
-    if (paired.count(image.name) == 0) names.push_back(image.name);
-  }
+  auto names = Transformed(model.scene.images, &Image::name);
+  EraseIf(&names, [&](const auto& name) { return paired.count(name) > 0; });
   return names;
 }
 
@@ -444,10 +404,9 @@ TruthComparison Compare(const TruthSource& source, const PosedScene& model) {
 }  // namespace
 
 TruthComparison CompareWithTruth(const TruthSource& source) {
-  SceneLoadingOptions naming;
-  naming.rig_name_rule = source.rig_name_rule;
-  const PosedScene model = ReadPosedScene(
-      source.model_path, source.image_prefix, source.reference, naming);
+  const PosedScene model =
+      ReadPosedScene(source.model_path, source.image_prefix, source.reference,
+                     source.rig_name_rule);
   TruthComparison comparison = Compare(source, model);
   comparison.is_metric = IsMetric(source);
   comparison.unpaired_images = UnpairedImages(model, comparison);
@@ -459,19 +418,20 @@ void WarnOfFewPoses(const TruthComparison& comparison,
                     const Context& context) {
   const std::vector<std::string>& names = comparison.unpaired_images;
   if (!names.empty()) {
-    context.Warning(std::to_string(names.size()) +
-                    " images of the model have no true pose and are not "
-                    "compared, such as '" +
-                    names.front() + "'");
+    context.Warning(
+        Formatted("%zu images of the model have no true pose and are not "
+                  "compared, such as '%s'",
+                  names.size(), names.front().c_str()));
   }
   // A similarity moves two positions to any others, a rigid transform one.
   const int max_free = alignment == Alignment::kSimilarity ? 2
                        : alignment == Alignment::kRigid    ? 1
                                                            : 0;
   if (!evaluation.position_m || evaluation.num_registered > max_free) return;
-  context.Warning("the errors of positions are 0 for any model, as only " +
-                  std::to_string(evaluation.num_registered) +
-                  " of its images have true poses; compare more images");
+  context.Warning(Formatted(
+      "the errors of positions are 0 for any model, as only %d of its "
+      "images have true poses; compare more images",
+      evaluation.num_registered));
 }
 
 }  // namespace mgsfm

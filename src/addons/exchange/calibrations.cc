@@ -26,6 +26,26 @@ enum class OpenCvDistortion {
   kUnified,           // EUCM: alpha beta
 };
 
+// A format, and its names of the distortions in the order above; nullptr for
+// those that it lacks. Each has the equidistant one.
+struct CalibrationFormat {
+  const char* name;
+  const char* distortions[5];
+
+  const char* NameOf(OpenCvDistortion distortion) const {
+    return distortions[static_cast<int>(distortion)];
+  }
+};
+
+constexpr CalibrationFormat kEuroc = {
+    "euroc_sensor",
+    {"radial-tangential", nullptr, "equidistant", nullptr, nullptr}};
+constexpr CalibrationFormat kKalibr = {
+    "kalibr", {"radtan", nullptr, "equidistant", "fov", "none"}};
+constexpr CalibrationFormat kCameraInfo = {
+    "camera_info",
+    {"plumb_bob", "rational_polynomial", "equidistant", nullptr, nullptr}};
+
 // A camera in the convention of OpenCV, ROS and Kalibr: pixel (0, 0) is the
 // center of the first one.
 struct OpenCvCamera {
@@ -128,12 +148,12 @@ std::optional<EquidistantFit> FitEquidistant(const Camera& camera,
 // The fit if it is within half a pixel, less than the error of keypoints, or
 // else Error.
 OpenCvCamera ToEquidistantCamera(const ExportInput& input, int camera_idx,
-                                 const std::string& format, bool is_permitted) {
+                                 const CalibrationFormat& format) {
   constexpr double kMaxFitErrorPx = 0.5;
   const Camera& camera = input.model.cameras[camera_idx];
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
-  auto fit = is_permitted ? FitEquidistant(camera, info) : std::nullopt;
+  auto fit = FitEquidistant(camera, info);
   if (fit && fit->max_error_px <= kMaxFitErrorPx) {
     fit->camera.fit =
         Formatted("equidistant fit of %s, errors up to %.3f px",
@@ -143,39 +163,24 @@ OpenCvCamera ToEquidistantCamera(const ExportInput& input, int camera_idx,
   const std::string error =
       fit ? Formatted(" but with errors up to %.1f px", fit->max_error_px) : "";
   throw Error(CameraLabel(input.scene, camera_idx) + " is of the model " +
-              std::string(info.name) + ", which " + format +
+              std::string(info.name) + ", which " + format.name +
               " cannot represent" + error +
               "; undistort the images first, or map with another camera model");
 }
 
-using Permitted = std::vector<OpenCvDistortion>;
-
-const Permitted kOfEuroc = {OpenCvDistortion::kRadialTangential,
-                            OpenCvDistortion::kEquidistant};
-const Permitted kOfKalibr = {
-    OpenCvDistortion::kRadialTangential, OpenCvDistortion::kEquidistant,
-    OpenCvDistortion::kFieldOfView, OpenCvDistortion::kUnified};
-const Permitted kOfRos = {OpenCvDistortion::kRadialTangential,
-                          OpenCvDistortion::kRational,
-                          OpenCvDistortion::kEquidistant};
-
-// Fits the equidistant model, if it is one of `permitted`, unless the
-// distortion is. Throws Error, naming the camera and `format`, if that fails.
+// Fits the equidistant model if the format lacks the distortion. Throws Error,
+// naming the camera and the format, if that fails.
 OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
-                            const std::string& format,
-                            const Permitted& permitted) {
+                            const CalibrationFormat& format) {
   const Camera& camera = input.model.cameras[camera_idx];
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   const auto* distortion = std::find_if(
       std::begin(kDistortions), std::end(kDistortions),
       [&](const Distortion& entry) { return entry.model == camera.model; });
-  const auto is_permitted = [&](OpenCvDistortion kind) {
-    return Contains(permitted, kind);
-  };
-  if (distortion == std::end(kDistortions) || !is_permitted(distortion->kind)) {
-    return ToEquidistantCamera(input, camera_idx, format,
-                               is_permitted(OpenCvDistortion::kEquidistant));
+  if (distortion == std::end(kDistortions) ||
+      format.NameOf(distortion->kind) == nullptr) {
+    return ToEquidistantCamera(input, camera_idx, format);
   }
   OpenCvCamera result;
   result.fx = camera.params[info.focal_length_idxs.front()];
@@ -193,16 +198,14 @@ OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
 // The cameras of the sensors that the format has as a fit.
 std::vector<std::string> FittedCameras(const ExportInput& input,
                                        const std::vector<int>& sensor_idxs,
-                                       const std::string& format,
-                                       const Permitted& permitted) {
+                                       const CalibrationFormat& format) {
   std::set<int> camera_idxs;
   for (const int sensor_idx : sensor_idxs) {
     camera_idxs.insert(input.scene.sensors[sensor_idx].camera_idx);
   }
   std::vector<std::string> fits;
   for (const int camera_idx : camera_idxs) {
-    const std::string fit =
-        ToOpenCvCamera(input, camera_idx, format, permitted).fit;
+    const std::string fit = ToOpenCvCamera(input, camera_idx, format).fit;
     if (fit.empty()) continue;
     fits.push_back(CameraLabel(input.scene, camera_idx) + " is written as " +
                    fit);
@@ -212,15 +215,12 @@ std::vector<std::string> FittedCameras(const ExportInput& input,
 
 // These, and the sensors that a format of one rig lacks.
 std::vector<std::string> LossesOfRig(const ExportInput& input,
-                                     const std::string& format,
-                                     const Permitted& permitted) {
-  const int rig_idx =
-      OnlyRig(input, format, "delete the images of the others first");
+                                     const CalibrationFormat& format) {
+  const int rig_idx = OnlyRig(input, format.name);
   std::vector<std::string> losses = SensorsWithoutPose(input);
-  for (std::string& fit :
-       FittedCameras(input, PosedSensors(input, rig_idx), format, permitted)) {
-    losses.push_back(std::move(fit));
-  }
+  const std::vector<std::string> fits =
+      FittedCameras(input, PosedSensors(input, rig_idx), format);
+  losses.insert(losses.end(), fits.begin(), fits.end());
   return losses;
 }
 
@@ -234,8 +234,7 @@ std::string PoseList(const Rigid3& pose) {
 std::string SensorYaml(const ExportInput& input, int sensor_idx) {
   const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
   const Camera& camera = input.model.cameras[camera_idx];
-  const OpenCvCamera opencv =
-      ToOpenCvCamera(input, camera_idx, "euroc_sensor", kOfEuroc);
+  const OpenCvCamera opencv = ToOpenCvCamera(input, camera_idx, kEuroc);
   const Rigid3 rig_from_cam =
       input.model.sensor_from_rig[sensor_idx].value_or(Rigid3()).Inverse();
   return "sensor_type: camera\n"
@@ -245,27 +244,19 @@ std::string SensorYaml(const ExportInput& input, int sensor_idx) {
          std::to_string(camera.height_px) +
          "]\ncamera_model: pinhole\nintrinsics: " +
          NumberList({opencv.fx, opencv.fy, opencv.cx, opencv.cy}) +
-         "\ndistortion_model: " +
-         (opencv.distortion == OpenCvDistortion::kEquidistant
-              ? "equidistant"
-              : "radial-tangential") +
+         "\ndistortion_model: " + kEuroc.NameOf(opencv.distortion) +
          "\ndistortion_coefficients: " + NumberList(opencv.coefficients) +
          "\n" + opencv.Comment();
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input) {
-  const int rig_idx =
-      OnlyRig(input, "euroc_sensor", "delete the images of the others first");
+  const int rig_idx = OnlyRig(input, kEuroc.name);
   const std::vector<std::string> names = PlainSensorNames(input.scene);
   return Transformed(PosedSensors(input, rig_idx), [&](int sensor_idx) {
     return ExportedFile{"/" + names[sensor_idx] + "/sensor.yaml",
                         SensorYaml(input, sensor_idx)};
   });
 }
-
-namespace {
 
 std::string Matrix(const Rigid3& b_from_a) {
   const Eigen::Matrix3d rotation = b_from_a.rotation.toRotationMatrix();
@@ -283,35 +274,25 @@ std::string CameraText(const ExportInput& input, int sensor_idx,
                        const std::string& name) {
   const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
   const Camera& camera = input.model.cameras[camera_idx];
-  const OpenCvCamera opencv =
-      ToOpenCvCamera(input, camera_idx, "kalibr", kOfKalibr);
+  const OpenCvCamera opencv = ToOpenCvCamera(input, camera_idx, kKalibr);
   const std::vector<double>& c = opencv.coefficients;
   std::vector<double> intrinsics = {opencv.fx, opencv.fy, opencv.cx, opencv.cy};
-  std::string model = "pinhole", distortion = "radtan",
-              coefficients = NumberList(c);
-  if (opencv.distortion == OpenCvDistortion::kEquidistant) {
-    distortion = "equidistant";
-  } else if (opencv.distortion == OpenCvDistortion::kFieldOfView) {
-    distortion = "fov";
-  } else if (opencv.distortion == OpenCvDistortion::kUnified) {
+  std::string model = "pinhole", coefficients = NumberList(c);
+  if (opencv.distortion == OpenCvDistortion::kUnified) {
     model = "eucm";
-    distortion = "none";
     coefficients = "[]";
     intrinsics.insert(intrinsics.begin(), c.begin(), c.end());
   }
   return "  camera_model: " + model + "\n  distortion_coeffs: " + coefficients +
-         "\n  distortion_model: " + distortion +
+         "\n  distortion_model: " + kKalibr.NameOf(opencv.distortion) +
          "\n  intrinsics: " + NumberList(intrinsics) + "\n  resolution: [" +
          std::to_string(camera.width_px) + ", " +
          std::to_string(camera.height_px) + "]\n  rostopic: /" + name +
          "/image_raw\n" + opencv.Comment();
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteKalibr(const ExportInput& input) {
-  const int rig_idx =
-      OnlyRig(input, "kalibr", "delete the images of the others first");
+  const int rig_idx = OnlyRig(input, kKalibr.name);
   const std::vector<std::string> names = PlainSensorNames(input.scene);
   const std::vector<int> sensor_idxs = PosedSensors(input, rig_idx);
   std::string text;
@@ -327,8 +308,6 @@ std::vector<ExportedFile> WriteKalibr(const ExportInput& input) {
   }
   return {{"", std::move(text)}};
 }
-
-namespace {
 
 // The frame of a rig has the axes of its reference camera.
 struct StaticTransform {
@@ -390,14 +369,9 @@ std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,
                            const std::string& name) {
   const int camera_idx = input.scene.sensors[sensor_idx].camera_idx;
   const Camera& camera = input.model.cameras[camera_idx];
-  OpenCvCamera opencv =
-      ToOpenCvCamera(input, camera_idx, "camera_info", kOfRos);
-  std::string model = "rational_polynomial";
+  OpenCvCamera opencv = ToOpenCvCamera(input, camera_idx, kCameraInfo);
   if (opencv.distortion == OpenCvDistortion::kRadialTangential) {
-    model = "plumb_bob";
     opencv.coefficients.push_back(0.0);  // k3
-  } else if (opencv.distortion == OpenCvDistortion::kEquidistant) {
-    model = "equidistant";
   }
   return "image_width: " + std::to_string(camera.width_px) +
          "\nimage_height: " + std::to_string(camera.height_px) +
@@ -405,7 +379,7 @@ std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,
          MatrixYaml(
              "camera_matrix", 3, 3,
              {opencv.fx, 0, opencv.cx, 0, opencv.fy, opencv.cy, 0, 0, 1}) +
-         "distortion_model: " + model + "\n" +
+         "distortion_model: " + kCameraInfo.NameOf(opencv.distortion) + "\n" +
          MatrixYaml("distortion_coefficients", 1,
                     static_cast<int>(opencv.coefficients.size()),
                     opencv.coefficients) +
@@ -415,8 +389,6 @@ std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,
                      0, 1, 0}) +
          opencv.Comment();
 }
-
-}  // namespace
 
 std::vector<ExportedFile> WriteRosTransforms(const ExportInput& input) {
   std::string text = "transforms:\n";
@@ -444,17 +416,21 @@ std::vector<ExportedFile> WriteCameraInfo(const ExportInput& input) {
   return files;
 }
 
-std::vector<std::string> LossesInKalibr(const ExportInput& input) {
-  return LossesOfRig(input, "kalibr", kOfKalibr);
-}
-
-std::vector<std::string> LossesInEurocSensors(const ExportInput& input) {
-  return LossesOfRig(input, "euroc_sensor", kOfEuroc);
-}
-
 std::vector<std::string> LossesInCameraInfo(const ExportInput& input) {
-  std::vector<int> sensor_idxs = Indices(input.scene.sensors.size());
-  return FittedCameras(input, sensor_idxs, "camera_info", kOfRos);
+  return FittedCameras(input, Indices(input.scene.sensors.size()), kCameraInfo);
+}
+
+}  // namespace
+
+std::vector<ExchangeFormat> CalibrationFormats() {
+  return {
+      {"kalibr", WriteKalibr,
+       [](const ExportInput& input) { return LossesOfRig(input, kKalibr); }},
+      {"euroc_sensor", WriteEurocSensors,
+       [](const ExportInput& input) { return LossesOfRig(input, kEuroc); }},
+      {"ros_tf", WriteRosTransforms, SensorsWithoutPose},
+      {"ros_launch", WriteRosLaunch, SensorsWithoutPose},
+      {"camera_info", WriteCameraInfo, LossesInCameraInfo}};
 }
 
 }  // namespace mgsfm

@@ -8,6 +8,7 @@
 #include "base/ranges.h"
 #include "base/text_tools.h"
 #include "exchange/formats.h"
+#include "exchange/ply.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/rigs/rig_config.h"
 
@@ -18,35 +19,37 @@ std::vector<ExportedFile> WriteRigConfigJson(const ExportInput& input) {
   return {{"", RigConfigsToJson(MakeRigConfigs(input.scene, input.model))}};
 }
 
-constexpr ExchangeFormat kFormats[] = {
-    {"ply", WritePly},
-    {"nvm", WriteNvm, LossesInNvm},
-    {"bundler", WriteBundler, MovedPrincipalPoints},
-    {"tum", WriteTum},
-    {"kitti", WriteKitti},
-    {"euroc", WriteEuroc},
-    {"kalibr", WriteKalibr, LossesInKalibr},
-    {"euroc_sensor", WriteEurocSensors, LossesInEurocSensors},
-    {"ros_tf", WriteRosTransforms, SensorsWithoutPose},
-    {"ros_launch", WriteRosLaunch, SensorsWithoutPose},
-    {"camera_info", WriteCameraInfo, LossesInCameraInfo},
-    {"rig_config", WriteRigConfigJson},
-    {"geojson", WriteGeoJson},
-    {"kml", WriteKml},
-};
+std::vector<ExportedFile> WritePly(const ExportInput& input) {
+  return {{"", PointsToPly(input.model)}};
+}
+
+// In the order of messages.
+const std::vector<ExchangeFormat>& AllFormats() {
+  static const std::vector<ExchangeFormat> kAll = [] {
+    std::vector<ExchangeFormat> all = {{"ply", WritePly}};
+    for (const auto& formats : {RadialFormats(),
+                                TrajectoryFormats(),
+                                CalibrationFormats(),
+                                {{"rig_config", WriteRigConfigJson}},
+                                GeoFormats()}) {
+      all.insert(all.end(), formats.begin(), formats.end());
+    }
+    return all;
+  }();
+  return kAll;
+}
 
 }  // namespace
 
-const ExchangeFormat* FindExchangeFormat(std::string_view name) {
-  const std::string lower = ToLower(std::string(name));
-  for (const ExchangeFormat& format : kFormats) {
-    if (format.name == lower) return &format;
+const ExchangeFormat* FindExchangeFormat(const std::string& name) {
+  for (const ExchangeFormat& format : AllFormats()) {
+    if (format.name == ToLower(name)) return &format;
   }
   return nullptr;
 }
 
 std::vector<std::string> ExchangeFormatNames() {
-  return Transformed(kFormats, [](const ExchangeFormat& format) {
+  return Transformed(AllFormats(), [](const ExchangeFormat& format) {
     return std::string(format.name);
   });
 }
@@ -58,11 +61,13 @@ std::string Digits(double value) {
 }
 
 std::string NumberList(const std::vector<double>& values) {
-  std::string text = "[";
-  for (size_t i = 0; i < values.size(); ++i) {
-    text += (i > 0 ? ", " : "") + Digits(values[i]);
-  }
-  return text + "]";
+  return "[" + Joined(Transformed(values, Digits), ", ") + "]";
+}
+
+Eigen::Vector2d PrincipalPoint(const Camera& camera) {
+  const std::vector<int>& idxs =
+      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  return {camera.params[idxs[0]], camera.params[idxs[1]]};
 }
 
 std::vector<std::string> PlainSensorNames(const Scene& scene) {
@@ -88,15 +93,12 @@ std::vector<std::string> PlainSensorNames(const Scene& scene) {
 
 std::vector<int> RegisteredFrames(const ExportInput& input) {
   const Scene& scene = input.scene;
-  std::vector<int> frame_idxs;
-  for (const int frame_idx : OrderOfFrames(scene)) {
-    const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
-    if (AnyOf(images, [&](int image_idx) {
-          return input.model.IsRegistered(scene, image_idx);
-        })) {
-      frame_idxs.push_back(frame_idx);
-    }
-  }
+  std::vector<int> frame_idxs = OrderOfFrames(scene);
+  EraseIf(&frame_idxs, [&](int frame_idx) {
+    return NoneOf(scene.frames[frame_idx].image_idxs, [&](int image_idx) {
+      return input.model.IsRegistered(scene, image_idx);
+    });
+  });
   return frame_idxs;
 }
 
@@ -107,15 +109,13 @@ int OnlyRig(const ExportInput& input, const std::string& format,
     rig_idxs.insert(input.scene.frames[frame_idx].rig_idx);
   }
   if (rig_idxs.size() == 1) return *rig_idxs.begin();
-  std::string names;
-  for (const int rig_idx : rig_idxs) {
+  const auto names = Transformed(rig_idxs, [&](int rig_idx) {
     const Rig& rig = input.scene.rigs[rig_idx];
-    names += (names.empty() ? "'" : ", '") +
-             input.scene.sensors[rig.ref_sensor_idx].name + "'";
-  }
+    return "'" + input.scene.sensors[rig.ref_sensor_idx].name + "'";
+  });
   throw Error(format + " holds one rig, but the model has " +
-              std::to_string(rig_idxs.size()) + ", of cameras " + names + "; " +
-              remedy);
+              std::to_string(rig_idxs.size()) + ", of cameras " +
+              Joined(names, ", ") + "; " + remedy);
 }
 
 std::vector<int> PosedSensors(const ExportInput& input, int rig_idx) {

@@ -50,7 +50,7 @@ struct ExchangeFormat {
 };
 
 // Upper and lower case are the same. nullptr for an unknown name.
-const ExchangeFormat* FindExchangeFormat(std::string_view name);
+const ExchangeFormat* FindExchangeFormat(const std::string& name);
 std::vector<std::string> ExchangeFormatNames();
 
 }  // namespace mgsfm

@@ -13,6 +13,8 @@ std::string Digits(double value);
 // "[1.5, 2]", as in YAML.
 std::string NumberList(const std::vector<double>& values);
 
+Eigen::Vector2d PrincipalPoint(const Camera& camera);
+
 // Names of sensors that serve as file names and as frames of ROS: letters,
 // digits, '_' and '-'; all different.
 std::vector<std::string> PlainSensorNames(const Scene& scene);
@@ -22,8 +24,9 @@ std::vector<int> RegisteredFrames(const ExportInput& input);
 
 // The index of the rig with registered frames. Throws Error, naming the format,
 // if there are several.
-int OnlyRig(const ExportInput& input, const std::string& format,
-            const std::string& remedy);
+int OnlyRig(
+    const ExportInput& input, const std::string& format,
+    const std::string& remedy = "delete the images of the others first");
 
 // The sensors of a rig that have a pose, the reference first.
 std::vector<int> PosedSensors(const ExportInput& input, int rig_idx);
@@ -33,35 +36,19 @@ std::vector<std::string> SensorsWithoutPose(const ExportInput& input);
 
 // The formats that docs/reference/exchange.md describes.
 
-// The points with their colors, binary.
-std::vector<ExportedFile> WritePly(const ExportInput& input);
 // VisualSFM and Bundler (two files), as COLMAP writes them, except that pixels
 // in NVM move by as much as the principal point to the center of the image.
-std::vector<ExportedFile> WriteNvm(const ExportInput& input);
-std::vector<ExportedFile> WriteBundler(const ExportInput& input);
-std::vector<std::string> LossesInNvm(const ExportInput& input);
-std::vector<std::string> LossesInKalibr(const ExportInput& input);
-std::vector<std::string> LossesInEurocSensors(const ExportInput& input);
-std::vector<std::string> LossesInCameraInfo(const ExportInput& input);
-// A message for each camera whose principal point is not the center.
-std::vector<std::string> MovedPrincipalPoints(const ExportInput& input);
+std::vector<ExchangeFormat> RadialFormats();
 
 // Trajectories world_from_rig or world_from_cam. TUM and EuRoC need a time of
 // each image (Image::timestamp_s, or a name that is one).
-std::vector<ExportedFile> WriteTum(const ExportInput& input);
-std::vector<ExportedFile> WriteKitti(const ExportInput& input);
-std::vector<ExportedFile> WriteEuroc(const ExportInput& input);
+std::vector<ExchangeFormat> TrajectoryFormats();
 
 // Calibrations of the only rig. Pixels count from the center of the first one
 // there.
-std::vector<ExportedFile> WriteKalibr(const ExportInput& input);
-std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input);
-std::vector<ExportedFile> WriteCameraInfo(const ExportInput& input);
-std::vector<ExportedFile> WriteRosTransforms(const ExportInput& input);
-std::vector<ExportedFile> WriteRosLaunch(const ExportInput& input);
+std::vector<ExchangeFormat> CalibrationFormats();
 
 // Paths of frames on the earth.
-std::vector<ExportedFile> WriteGeoJson(const ExportInput& input);
-std::vector<ExportedFile> WriteKml(const ExportInput& input);
+std::vector<ExchangeFormat> GeoFormats();
 
 }  // namespace mgsfm

@@ -25,10 +25,11 @@ struct ImportInput {
 struct ImportFormat {
   std::string_view name;
   Model (*read)(const ImportInput& input, const Context& context);
+  std::string_view extension;
 };
 
 // Upper and lower case are the same. nullptr for an unknown name.
-const ImportFormat* FindImportFormat(std::string_view name);
+const ImportFormat* FindImportFormat(const std::string& name);
 std::vector<std::string> ImportFormatNames();
 
 // Goes by the extension of the file; nullptr if no format has it.

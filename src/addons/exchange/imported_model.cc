@@ -9,7 +9,6 @@
 #include <tuple>
 #include <utility>
 
-#include "base/file_reading.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_lines.h"
@@ -48,9 +47,8 @@ std::string_view ImportText::Word(const char* expected) {
   const std::string_view text = text_;
   const size_t first =
       std::min(text.find_first_not_of(kBlanks, position_), text.size());
-  line_ += static_cast<int>(
-      std::count(text.begin() + static_cast<std::ptrdiff_t>(position_),
-                 text.begin() + static_cast<std::ptrdiff_t>(first), '\n'));
+  const std::string_view blanks = text.substr(position_, first - position_);
+  line_ += static_cast<int>(std::count(blanks.begin(), blanks.end(), '\n'));
   const size_t end = std::min(text.find_first_of(kBlanks, first), text.size());
   position_ = end;
   if (first == end) ThrowUnexpected(expected, {});
@@ -139,28 +137,6 @@ void CheckValues(const ImportedModel& imported, const fs::path& path) {
   }
 }
 
-// Numbers the cameras in the order of their images.
-class CameraNumbers {
- public:
-  CameraId IdOf(const ImportedImage& image, std::vector<Camera>* cameras) {
-    const Camera& camera = image.camera;
-    const auto [entry, is_new] = id_of_camera_.emplace(
-        Key{image.name.substr(0, image.name.rfind('/') + 1), camera.model,
-            camera.width_px, camera.height_px, camera.params},
-        CameraId(static_cast<uint32_t>(cameras->size()) + 1));
-    if (is_new) {
-      cameras->push_back(camera);
-      cameras->back().id = entry->second;
-    }
-    return entry->second;
-  }
-
- private:
-  using Key =
-      std::tuple<std::string, CameraModelId, int, int, std::vector<double>>;
-  std::map<Key, CameraId> id_of_camera_;
-};
-
 void AddPoints(const std::vector<ImportedPoint>& points,
                const std::vector<size_t>& position_of_place, Model* model) {
   for (const ImportedPoint& from : points) {
@@ -189,7 +165,11 @@ Model MakeModel(ImportedModel imported, const fs::path& path) {
         return imported.images[i].name;
       });
   Model model;
-  CameraNumbers cameras;
+  // Cameras are numbered in the order of their images.
+  std::map<
+      std::tuple<std::string, CameraModelId, int, int, std::vector<double>>,
+      CameraId>
+      id_of_camera;
   std::vector<size_t> position_of_place(places.size());
   for (size_t position = 0; position < places.size(); ++position) {
     const ImportedImage& image = imported.images[places[position]];
@@ -198,9 +178,19 @@ Model MakeModel(ImportedModel imported, const fs::path& path) {
                   "'; give each image once");
     }
     position_of_place[places[position]] = position;
+    const Camera& camera = image.camera;
+    const auto [entry, is_new] = id_of_camera.emplace(
+        std::tuple(image.name.substr(0, image.name.rfind('/') + 1),
+                   camera.model, camera.width_px, camera.height_px,
+                   camera.params),
+        CameraId(static_cast<uint32_t>(model.cameras.size()) + 1));
+    if (is_new) {
+      model.cameras.push_back(camera);
+      model.cameras.back().id = entry->second;
+    }
     model.poses.images.push_back(
         {ImageId(static_cast<uint32_t>(places[position]) + 1), image.name,
-         cameras.IdOf(image, &model.cameras), image.cam_from_world});
+         entry->second, image.cam_from_world});
   }
   model.keypoints.resize(places.size());
   AddPoints(imported.points, position_of_place, &model);
@@ -227,20 +217,8 @@ Camera MakeRadialCamera(double focal_length_px,
   return camera;
 }
 
-ImportedPoint ReadPositionAndColor(ImportText* text) {
-  ImportedPoint point;
-  for (double& x : point.point_in_world) {
-    x = text->Number("a coordinate of a point");
-  }
-  for (uint8_t& c : point.color) c = text->Color("a color from 0 to 255");
-  return point;
-}
-
 std::optional<Eigen::Vector2i> FindSizeOfImage(const fs::path& file) {
-  std::error_code ignored;
-  if (!fs::is_regular_file(file, ignored)) return std::nullopt;
-  const std::optional<ImageSize> size =
-      ReadImageSize(ReadFile(file, "", kMaxImageHeaderBytes));
+  const std::optional<ImageSize> size = ReadImageSizeOf(file);
   if (!size) return std::nullopt;
   return Eigen::Vector2i(static_cast<int>(size->width),
                          static_cast<int>(size->height));
@@ -272,37 +250,31 @@ Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
 
 namespace {
 
-struct KnownFormat {
-  ImportFormat format;
-  std::string_view extension;
-};
-
-constexpr KnownFormat kFormats[] = {
-    {{"nvm", ReadNvm}, ".nvm"},
-    {{"bundler", ReadBundler}, ".out"},
-    {{"nerfstudio", ReadNerfstudio}, ".json"},
+constexpr ImportFormat kFormats[] = {
+    {"nvm", ReadNvm, ".nvm"},
+    {"bundler", ReadBundler, ".out"},
+    {"nerfstudio", ReadNerfstudio, ".json"},
 };
 
 }  // namespace
 
-const ImportFormat* FindImportFormat(std::string_view name) {
-  const std::string lower = ToLower(std::string(name));
-  for (const KnownFormat& known : kFormats) {
-    if (known.format.name == lower) return &known.format;
+const ImportFormat* FindImportFormat(const std::string& name) {
+  for (const ImportFormat& format : kFormats) {
+    if (format.name == ToLower(name)) return &format;
   }
   return nullptr;
 }
 
 std::vector<std::string> ImportFormatNames() {
-  return Transformed(kFormats, [](const KnownFormat& known) {
-    return std::string(known.format.name);
+  return Transformed(kFormats, [](const ImportFormat& format) {
+    return std::string(format.name);
   });
 }
 
 const ImportFormat* GuessImportFormat(const std::filesystem::path& path) {
   const std::string extension = ToLower(path.extension().string());
-  for (const KnownFormat& known : kFormats) {
-    if (known.extension == extension) return &known.format;
+  for (const ImportFormat& format : kFormats) {
+    if (format.extension == extension) return &format;
   }
   return nullptr;
 }

@@ -81,10 +81,6 @@ Camera MakeRadialCamera(double focal_length_px,
                         const Eigen::Vector2d& principal_point_px, double k1,
                         double k2, const Eigen::Vector2i& size_px);
 
-// The next words of a file: coordinates and color of a point, whose track is
-// still empty.
-ImportedPoint ReadPositionAndColor(ImportText* text);
-
 // The size of an image from its file; nullopt if it cannot be read.
 std::optional<Eigen::Vector2i> FindSizeOfImage(
     const std::filesystem::path& file);

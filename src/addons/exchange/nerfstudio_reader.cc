@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -9,7 +8,9 @@
 #include <vector>
 
 #include "base/file_reading.h"
+#include "base/ranges.h"
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "exchange/import_formats.h"
 #include "exchange/imported_model.h"
 #include "exchange/ply.h"
@@ -124,10 +125,6 @@ std::string Text(double value) {
   return FormatDouble(value, std::chars_format::general, 6);
 }
 
-std::string SizeText(const Eigen::Vector2i& size) {
-  return std::to_string(size.x()) + " x " + std::to_string(size.y());
-}
-
 int Pixels(const TransformsFrame& frame, const char* field, double value) {
   constexpr double kMaxSize = 1e9;  // fits an int; no image is that large
   if (!(value >= 1.0) || !(value <= kMaxSize) || value != std::floor(value)) {
@@ -164,8 +161,9 @@ Eigen::Vector2i ReadSize(const TransformsFrame& frame, const std::string& name,
     const auto of_file = FindSizeOfImage(file);
     if (!of_file) continue;
     if (*of_file != size) {
-      frame.Throw("w and h are " + SizeText(size) + ", but the image '" +
-                  file.string() + "' has " + SizeText(*of_file) + " pixels");
+      frame.Throw("w and h are " + SizeText(size.x(), size.y()) +
+                  ", but the image '" + file.string() + "' has " +
+                  SizeText(of_file->x(), of_file->y()) + " pixels");
     }
     break;
   }
@@ -229,25 +227,19 @@ std::string ReadModel(const TransformsFrame& frame) {
 
 // Appends the distortion of perspective images to fx, fy, cx, cy.
 void SetDistortion(const TransformsFrame& frame, Camera* camera) {
-  double k[4], p[2];
-  for (int i = 0; i < 4; ++i) {
-    k[i] = frame.Number(("k" + std::to_string(i + 1)).c_str(), 0.0);
-  }
-  for (int i = 0; i < 2; ++i) {
-    p[i] = frame.Number(("p" + std::to_string(i + 1)).c_str(), 0.0);
+  std::vector<double> k;
+  for (const char* name : {"k1", "k2", "k3", "k4", "p1", "p2"}) {
+    k.push_back(frame.Number(name, 0.0));
   }
   if (k[3] != 0.0) {
     frame.Throw("COLMAP has no camera model with a fourth radial coefficient");
   }
-  std::vector<double>& params = camera->params;
-  const bool has_third = k[2] != 0.0;
-  if (!has_third && k[0] == 0.0 && k[1] == 0.0 && p[0] == 0.0 && p[1] == 0.0) {
-    return;
-  }
+  if (AllOf(k, [](double value) { return value == 0.0; })) return;
   camera->model =
-      has_third ? CameraModelId::kFullOpenCV : CameraModelId::kOpenCV;
-  params.insert(params.end(), {k[0], k[1], p[0], p[1]});
-  if (has_third) params.insert(params.end(), {k[2], 0.0, 0.0, 0.0});
+      k[2] != 0.0 ? CameraModelId::kFullOpenCV : CameraModelId::kOpenCV;
+  std::vector<double>& params = camera->params;
+  params.insert(params.end(), {k[0], k[1], k[4], k[5]});
+  if (k[2] != 0.0) params.insert(params.end(), {k[2], 0.0, 0.0, 0.0});
 }
 
 Camera ReadCamera(const TransformsFrame& frame, const Eigen::Vector2i& size) {

@@ -9,7 +9,6 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "base/text_streams.h"
-#include "exchange/formats.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -31,11 +30,6 @@ struct PlyHeader {
               "binary little-endian");
 }
 
-bool SkipsWord(const std::string& word, TextInput* words) {
-  std::string next;
-  return *words >> next && next == word;
-}
-
 bool ReadCount(TextInput* words, uint64_t* count) {
   std::string word;
   *words >> word;
@@ -51,7 +45,7 @@ PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
   bool is_in_vertex = false;
   for (int number = 1; std::getline(lines, line); ++number) {
     TextInput words(line);
-    if (number == 1 && !SkipsWord("ply", &words)) break;
+    if (number == 1 && (!(words >> word) || word != "ply")) break;
     words >> word;
     if (word == "format") {
       words >> word;
@@ -211,10 +205,6 @@ std::string PointsToPly(const Reconstruction& model) {
     text.append(reinterpret_cast<const char*>(point.color.data()), 3);
   }
   return text;
-}
-
-std::vector<ExportedFile> WritePly(const ExportInput& input) {
-  return {{"", PointsToPly(input.model)}};
 }
 
 std::vector<ImportedPoint> ReadPly(const fs::path& path) {

@@ -51,9 +51,7 @@ RadialCamera ToRadialCamera(const ExportInput& input, int camera_idx,
   if (std::abs(first - last) > kSameFocalLength * first) {
     Throw(input.scene, camera_idx, format, "has two focal lengths");
   }
-  RadialCamera radial{first,
-                      {camera.params[info.principal_point_idxs[0]],
-                       camera.params[info.principal_point_idxs[1]]}};
+  RadialCamera radial{first, PrincipalPoint(camera)};
   const std::vector<int>& extra = info.extra_params_idxs;
   if (!extra.empty()) radial.k1 = camera.params[extra[0]];
   if (extra.size() > 1) radial.k2 = camera.params[extra[1]];
@@ -142,19 +140,14 @@ std::string PointLines(const ExportInput& input, const ImageOrder& order,
   return lines + '\n';
 }
 
-}  // namespace
-
+// A message for each camera whose principal point is not the center.
 std::vector<std::string> MovedPrincipalPoints(const ExportInput& input) {
   constexpr double kRounding_px = 1e-6;
   std::vector<std::string> messages;
   for (size_t i = 0; i < input.model.cameras.size(); ++i) {
     const Camera& camera = input.model.cameras[i];
-    const std::vector<int>& idxs =
-        FindCameraModel(static_cast<int32_t>(camera.model))
-            ->principal_point_idxs;
     const Eigen::Vector2d offset =
-        Eigen::Vector2d(camera.params[idxs[0]], camera.params[idxs[1]]) -
-        CenterOfImage(camera);
+        PrincipalPoint(camera) - CenterOfImage(camera);
     if (offset.cwiseAbs().maxCoeff() <= kRounding_px) continue;
     messages.push_back(
         CameraLabel(input.scene, static_cast<int>(i)) +
@@ -185,8 +178,6 @@ std::vector<ExportedFile> WriteBundler(const ExportInput& input) {
   }
   return {{".bundle.out", std::move(text)}, {".list.txt", std::move(list)}};
 }
-
-namespace {
 
 // VisualSFM distorts in the opposite direction, hence COLMAP's sign of k1.
 std::string ImageLine(const ExportInput& input, int image_idx,
@@ -233,8 +224,6 @@ std::string PointLine(const ExportInput& input, const ImageOrder& order,
   return line + std::to_string(num_observations) + observations + '\n';
 }
 
-}  // namespace
-
 std::vector<ExportedFile> WriteNvm(const ExportInput& input) {
   const std::vector<RadialCamera> cameras = ToRadialCameras(input, "NVM", 1);
   const ImageOrder order = OrderImagesById(input);
@@ -264,6 +253,13 @@ std::vector<std::string> LossesInNvm(const ExportInput& input) {
                        "in each image");
   }
   return messages;
+}
+
+}  // namespace
+
+std::vector<ExchangeFormat> RadialFormats() {
+  return {{"nvm", WriteNvm, LossesInNvm},
+          {"bundler", WriteBundler, MovedPrincipalPoints}};
 }
 
 }  // namespace mgsfm

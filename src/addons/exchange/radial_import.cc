@@ -2,10 +2,13 @@
 #include <Eigen/Geometry>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "base/text.h"
 #include "base/text_lines.h"
+#include "exchange/formats.h"
 #include "exchange/import_formats.h"
 #include "exchange/imported_model.h"
 #include "geometry/rigid_matrix.h"
@@ -84,25 +87,42 @@ std::optional<ImportedImage> ReadImage(const std::string& name,
                        intrinsics[1], intrinsics[2], size_px)};
 }
 
-// Pixels count from the center of the image, with y up.
-ImportedPoint ReadPoint(const PlaceOfCamera& place_of_camera,
-                        const ImportedModel& model, ImportText* text) {
-  ImportedPoint point = ReadPositionAndColor(text);
+// A point, whose observations have the place that place_of(index) tells from
+// the index of their image in the file.
+template <class PlaceOf>
+ImportedPoint ReadPoint(const char* index_name, const PlaceOf& place_of,
+                        ImportText* text) {
+  ImportedPoint point;
+  for (double& x : point.point_in_world) {
+    x = text->Number("a coordinate of a point");
+  }
+  for (uint8_t& c : point.color) c = text->Color("a color from 0 to 255");
   const uint64_t num_observations = text->Count("a number of observations");
   for (uint64_t i = 0; i < num_observations; ++i) {
-    const uint64_t camera = text->Count("the index of a camera");
+    ImportedObservation observation;
+    observation.image_place = place_of(text->Count(index_name));
+    text->Count("the index of a feature");
+    for (double& x : observation.pixel) x = text->Number("a pixel coordinate");
+    point.track.push_back(observation);
+  }
+  return point;
+}
+
+// Pixels count from the center of the image, with y up.
+ImportedPoint ReadBundlerPoint(const PlaceOfCamera& place_of_camera,
+                               const ImportedModel& model, ImportText* text) {
+  const auto place_of = [&](uint64_t camera) {
     if (camera >= place_of_camera.size() || !place_of_camera[camera]) {
       text->Throw("a point refers to camera " + std::to_string(camera) +
                   ", which has no pose; export the file again");
     }
-    text->Count("the index of a feature");
-    const double x = text->Number("a pixel coordinate");
-    const double y = text->Number("a pixel coordinate");
-    const size_t place = *place_of_camera[camera];
-    const Camera& intrinsics = model.images[place].camera;
-    point.track.push_back(
-        {place,
-         {0.5 * intrinsics.width_px + x, 0.5 * intrinsics.height_px - y}});
+    return *place_of_camera[camera];
+  };
+  ImportedPoint point = ReadPoint("the index of a camera", place_of, text);
+  for (auto& [place, pixel] : point.track) {
+    const Camera& camera = model.images[place].camera;
+    pixel = {0.5 * camera.width_px + pixel.x(),
+             0.5 * camera.height_px - pixel.y()};
   }
   return point;
 }
@@ -135,7 +155,7 @@ Model ReadBundler(const ImportInput& input, const Context& context) {
     model.images.push_back(*std::move(image));
   }
   for (uint64_t i = 0; i < num_points; ++i) {
-    model.points.push_back(ReadPoint(place_of_camera, model, &text));
+    model.points.push_back(ReadBundlerPoint(place_of_camera, model, &text));
   }
   return MakeModel(std::move(model), input.path);
 }
@@ -151,10 +171,7 @@ struct FixedCalibration {
 };
 
 // The last numbers of a line, and the text before them, which may have blanks.
-struct NamedNumbers {
-  std::string name;
-  std::vector<double> numbers;
-};
+using NamedNumbers = std::pair<std::string, std::vector<double>>;
 
 std::optional<NamedNumbers> SplitNamedNumbers(std::string_view line,
                                               size_t num_numbers) {
@@ -164,7 +181,7 @@ std::optional<NamedNumbers> SplitNamedNumbers(std::string_view line,
   for (const std::string_view word : split->words) {
     const std::optional<double> number = ParseDouble(word);
     if (!number) return std::nullopt;
-    named.numbers.push_back(*number);
+    named.second.push_back(*number);
   }
   return named;
 }
@@ -180,7 +197,7 @@ std::optional<FixedCalibration> ReadHeader(ImportText* text) {
   if (words[1] != "FixedK") text->ThrowUnexpected("NVM_V3 FixedK", header);
   const auto split = SplitNamedNumbers(header, 4);
   if (!split) text->ThrowUnexpected("FixedK fx cx fy cy", header);
-  const std::vector<double>& k = split->numbers;
+  const std::vector<double>& k = split->second;
   return FixedCalibration{k[0], k[1], k[2], k[3]};
 }
 
@@ -205,51 +222,21 @@ Camera MakeCamera(const std::optional<FixedCalibration>& fixed,
   return camera;
 }
 
-Eigen::Vector2d PrincipalPoint(const Camera& camera) {
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
-  return {camera.params[info.principal_point_idxs[0]],
-          camera.params[info.principal_point_idxs[1]]};
-}
-
 ImportedImage ReadImage(const std::optional<FixedCalibration>& fixed,
                         const ImportInput& input, ImportText* text) {
   const std::string_view line = text->NextLine();
   const auto split = SplitNamedNumbers(line, 10);
   if (!split) text->ThrowUnexpected(kImageLine, line);
-  const std::vector<double>& n = split->numbers;
-  const Eigen::Quaterniond rotation(n[1], n[2], n[3], n[4]);
+  const auto& [name, n] = *split;
   const Eigen::Vector3d center(n[5], n[6], n[7]);
-  const Rigid3 read = PoseOfFile(rotation, center);
+  const Rigid3 read = PoseOfFile({n[1], n[2], n[3], n[4]}, center);
   if (const auto problem = WhyImplausible(read)) {
-    text->Throw("the pose of image '" + Printable(split->name) + "' " +
-                *problem + "; remove the image, or export the file again");
+    text->Throw("the pose of image '" + Printable(name) + "' " + *problem +
+                "; remove the image, or export the file again");
   }
-  const Eigen::Quaterniond unit = read.rotation;
-  return {
-      split->name,
-      {unit, -(unit * center)},
-      MakeCamera(fixed, n[0], n[8],
-                 ReadSizeOfImage(input.image_path, split->name, input.path))};
-}
-
-ImportedPoint ReadPoint(size_t num_images, ImportText* text) {
-  ImportedPoint point = ReadPositionAndColor(text);
-  const uint64_t num_observations = text->Count("a number of observations");
-  for (uint64_t i = 0; i < num_observations; ++i) {
-    ImportedObservation observation;
-    const uint64_t place = text->Count("the index of an image");
-    if (place >= num_images) {
-      text->Throw("a point refers to image " + std::to_string(place) +
-                  ", but there are " + std::to_string(num_images) +
-                  "; export the file again");
-    }
-    observation.image_place = place;
-    text->Count("the index of a feature");
-    for (double& x : observation.pixel) x = text->Number("a pixel coordinate");
-    point.track.push_back(observation);
-  }
-  return point;
+  return {name, Rigid3::FromRotationAndCenter(read.rotation, center),
+          MakeCamera(fixed, n[0], n[8],
+                     ReadSizeOfImage(input.image_path, name, input.path))};
 }
 
 // Half of the pixels are negative if they count from principal points.
@@ -274,8 +261,15 @@ Model ReadNvm(const ImportInput& input, const Context& context) {
     model.images.push_back(ReadImage(fixed, input, &text));
   }
   const uint64_t num_points = text.Count("the number of points");
+  const auto place_of = [&](uint64_t place) {
+    if (place < num_images) return place;
+    text.Throw(
+        Formatted("a point refers to image %llu, but there are %zu; "
+                  "export the file again",
+                  static_cast<unsigned long long>(place), model.images.size()));
+  };
   for (uint64_t i = 0; i < num_points; ++i) {
-    model.points.push_back(ReadPoint(model.images.size(), &text));
+    model.points.push_back(ReadPoint("the index of an image", place_of, &text));
   }
   const std::string_view next = text.NextLine();
   if (!next.empty() && next != "0" && next.front() != '#') {

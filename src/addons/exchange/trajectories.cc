@@ -21,7 +21,6 @@ namespace {
 // A line of a trajectory, of the frame or image with this name.
 struct Stop {
   std::string name;
-  std::string stem;
   Rigid3 world_from_body;
   std::optional<double> time_s;
 };
@@ -33,7 +32,8 @@ struct Trajectory {
 
 int64_t TimeOf(const Stop& stop) {
   if (stop.time_s) return std::llround(*stop.time_s * kNsPerSecond);
-  const std::optional<int64_t> time_ns = TimeOrNumberInStem(stop.stem);
+  const std::optional<int64_t> time_ns =
+      TimeOrNumberInStem(StemOfName(stop.name));
   if (time_ns) return *time_ns;
   throw Error("the time of image '" + stop.name +
               "' is unknown, as its name is not a number; give times with "
@@ -51,8 +51,7 @@ Trajectory FrameTrajectory(const ExportInput& input) {
     std::optional<double> time_s;
     if (image.timestamp_s) time_s = TimeOfFrame(scene, frame_idx);
     trajectory.stops.push_back(
-        {image.name, StemOfName(image.name),
-         input.model.rig_from_world[frame_idx]->Inverse(), time_s});
+        {image.name, input.model.rig_from_world[frame_idx]->Inverse(), time_s});
   }
   return trajectory;
 }
@@ -69,8 +68,8 @@ std::vector<Trajectory> CameraTrajectories(const ExportInput& input,
         const Image& image = scene.images[image_idx];
         const auto pose = input.model.CamFromWorld(scene, image_idx);
         if (image.sensor_idx != static_cast<int>(i) || !pose) continue;
-        trajectory.stops.push_back({image.name, StemOfName(image.name),
-                                    pose->Inverse(), image.timestamp_s});
+        trajectory.stops.push_back(
+            {image.name, pose->Inverse(), image.timestamp_s});
       }
     }
     if (!trajectory.stops.empty()) all.push_back(std::move(trajectory));
@@ -87,11 +86,11 @@ std::vector<Trajectory> MakeTrajectories(const ExportInput& input,
 }
 
 // A file of lines in the order of their times.
-using TimedLine = std::string (*)(int64_t time_ns, const Rigid3& pose);
 std::vector<ExportedFile> WriteTimed(const ExportInput& input,
                                      const std::string& extension,
                                      const std::string& header,
-                                     TimedLine line) {
+                                     std::string (*line)(int64_t time_ns,
+                                                         const Rigid3& pose)) {
   std::vector<ExportedFile> files;
   for (const Trajectory& trajectory : MakeTrajectories(input, extension)) {
     auto stops = Transformed(trajectory.stops, [](const Stop& stop) {
@@ -140,8 +139,9 @@ void CheckHasNoGap(const Trajectory& trajectory) {
   // The counter at the end of a name; times need not be evenly spaced.
   const auto number = [](const Stop& stop) -> std::optional<int64_t> {
     constexpr size_t kMaxDigits = 18;  // any such number fits 64 bits
+    const std::string stem = StemOfName(stop.name);
     const std::string digits =
-        stop.stem.substr(stop.stem.find_last_not_of("0123456789") + 1);
+        stem.substr(stem.find_last_not_of("0123456789") + 1);
     if (digits.empty() || digits.size() > kMaxDigits || TimeInName(stop.name)) {
       return std::nullopt;
     }
@@ -162,8 +162,6 @@ void CheckHasNoGap(const Trajectory& trajectory) {
         "', or before them; write tum or euroc");
   }
 }
-
-}  // namespace
 
 std::vector<ExportedFile> WriteTum(const ExportInput& input) {
   return WriteTimed(input, ".txt", "# timestamp tx ty tz qx qy qz qw\n",
@@ -194,8 +192,6 @@ std::vector<ExportedFile> WriteKitti(const ExportInput& input) {
   }
   return files;
 }
-
-namespace {
 
 struct GeoStop {
   std::string name;
@@ -228,8 +224,6 @@ GeoPaths MakeGeoPaths(const ExportInput& input) {
   }
   return paths;
 }
-
-}  // namespace
 
 std::vector<ExportedFile> WriteGeoJson(const ExportInput& input) {
   using Json = nlohmann::ordered_json;
@@ -273,6 +267,16 @@ std::vector<ExportedFile> WriteKml(const ExportInput& input) {
     text += "</coordinates>\n</LineString>\n</Placemark>\n";
   }
   return {{"", text + "</Document>\n</kml>\n"}};
+}
+
+}  // namespace
+
+std::vector<ExchangeFormat> TrajectoryFormats() {
+  return {{"tum", WriteTum}, {"kitti", WriteKitti}, {"euroc", WriteEuroc}};
+}
+
+std::vector<ExchangeFormat> GeoFormats() {
+  return {{"geojson", WriteGeoJson}, {"kml", WriteKml}};
 }
 
 }  // namespace mgsfm

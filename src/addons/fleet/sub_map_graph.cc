@@ -243,12 +243,10 @@ PlacesOfPair CollectPlaces(const std::vector<SceneModel>& sub_maps,
   }
   PlacesOfPair places;
   std::set<std::array<int, 4>> met;  // sub-maps and points
-  const auto add = [&](int a, int image1, int b, int image2, const Match& match,
-                       bool is_swapped) {
-    const auto idx1 = static_cast<int>(match.keypoint_idx1);
-    const auto idx2 = static_cast<int>(match.keypoint_idx2);
-    const auto point1 = lookups[a].Find(image1, is_swapped ? idx2 : idx1);
-    const auto point2 = lookups[b].Find(image2, is_swapped ? idx1 : idx2);
+  const auto add = [&](int a, const Observation& in_a, int b,
+                       const Observation& in_b) {
+    const auto point1 = lookups[a].Find(in_a.image_idx, in_a.keypoint_idx);
+    const auto point2 = lookups[b].Find(in_b.image_idx, in_b.keypoint_idx);
     if (!point1 || !point2 || !met.insert({a, *point1, b, *point2}).second) {
       return;
     }
@@ -256,24 +254,24 @@ PlacesOfPair CollectPlaces(const std::vector<SceneModel>& sub_maps,
     places[{a, b}].push_back(
         {first.reconstruction.points[*point1].point_in_world,
          sub_maps[b].reconstruction.points[*point2].point_in_world,
-         first.reconstruction.CamFromWorld(first.scene, image1)->Center()});
+         first.reconstruction.CamFromWorld(first.scene, in_a.image_idx)
+             ->Center()});
   };
+  const auto num_sub_maps = static_cast<int>(sub_maps.size());
   for (const CrossPair& pair : pairs) {
-    for (size_t a = 0; a < sub_maps.size(); ++a) {
-      for (size_t b = 0; b < sub_maps.size(); ++b) {
+    for (int a = 0; a < num_sub_maps; ++a) {
+      for (int b = 0; b < num_sub_maps; ++b) {
         const auto image1 = images[a].find(pair.name1);
         const auto image2 = images[b].find(pair.name2);
         if (a == b || image1 == images[a].end() || image2 == images[b].end()) {
           continue;
         }
         for (const Match& match : pair.matches) {
-          if (a < b) {
-            add(static_cast<int>(a), image1->second, static_cast<int>(b),
-                image2->second, match, false);
-          } else {
-            add(static_cast<int>(b), image2->second, static_cast<int>(a),
-                image1->second, match, true);
-          }
+          const Observation in_a{image1->second,
+                                 static_cast<int>(match.keypoint_idx1)};
+          const Observation in_b{image2->second,
+                                 static_cast<int>(match.keypoint_idx2)};
+          a < b ? add(a, in_a, b, in_b) : add(b, in_b, a, in_a);
         }
       }
     }

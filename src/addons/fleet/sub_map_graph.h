@@ -5,7 +5,6 @@
 
 #include "fleet/sub_maps.h"
 #include "mgsfm/geometry/rigid3.h"
-#include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
 

@@ -5,8 +5,6 @@
 #include <cstddef>
 #include <iterator>
 #include <map>
-#include <numeric>
-#include <optional>
 #include <set>
 #include <utility>
 
@@ -28,12 +26,6 @@ constexpr double kMaxAngleBetweenEqualPoints = 0.05;
 // The largest ratio of the distances of two equal points from one camera. The
 // depth of a point that two views see at a small angle has a large error.
 constexpr double kMaxDistanceRatio = 2.0;
-
-size_t NumFrames(const SceneModel& model) {
-  const auto& poses = model.reconstruction.rig_from_world;
-  return static_cast<size_t>(
-      CountIf(poses, [](const auto& pose) { return pose.has_value(); }));
-}
 
 // The sub-maps of each connected component in the order in which they are
 // merged: each is next to an earlier one.
@@ -138,8 +130,7 @@ int MergePointsOfMatches(const std::vector<CrossPair>& pairs,
                          SceneModel* model) {
   std::vector<Point3D>& points = model->reconstruction.points;
   UnionFind sets(points.size());
-  std::vector<int> owner(points.size());  // of the track of a set
-  std::iota(owner.begin(), owner.end(), 0);
+  std::vector<int> owner = Indices(points.size());  // of the track of a set
   int num_merged = 0;
   for (const auto& [i, k] : FindEqualPoints(*model, pairs)) {
     const int a = owner[sets.Find(i)];
@@ -185,134 +176,116 @@ void ExtendTracks(const std::vector<CrossPair>& pairs, SceneModel* model) {
   }
 }
 
-class SubMapJoiner {
- public:
-  SubMapJoiner(std::vector<SceneModel> sub_maps,
-               const std::vector<CrossPair>& pairs, const JoinOptions& options,
-               const Context& context)
-      : sub_maps_(std::move(sub_maps)),
-        all_pairs_(pairs),
-        options_(options),
-        context_(context) {}
-
-  JoinedMaps Run() {
-    joined_.edges = MeasureEdges(sub_maps_, all_pairs_, options_);
-    const std::vector<int> forest =
-        RejectWrongLoops(sub_maps_, options_, &joined_.edges);
-    pairs_ = TrustedPairs();
-    world_from_ = AverageSimilarities(sub_maps_, joined_.edges, forest);
-    joined_.conflicts.resize(sub_maps_.size());
-    for (const std::vector<int>& component :
-         OrderOfMerging(sub_maps_.size(), joined_.edges, forest)) {
-      context_.CheckInterrupted();
-      MergeComponent(component);
+// The pairs between sub-maps with a used edge: matches of a rejected loop must
+// not merge points.
+std::vector<CrossPair> TrustedPairs(const std::vector<SceneModel>& sub_maps,
+                                    const std::vector<SubMapEdge>& edges,
+                                    const std::vector<CrossPair>& pairs) {
+  std::map<std::string, std::vector<int>> sub_maps_of;
+  for (size_t m = 0; m < sub_maps.size(); ++m) {
+    for (const Image& image : sub_maps[m].scene.images) {
+      sub_maps_of[image.name].push_back(static_cast<int>(m));
     }
-    SortModels();
-    return std::move(joined_);
   }
-
- private:
-  // Matches of a rejected loop must not merge points.
-  std::vector<CrossPair> TrustedPairs() const {
-    std::map<std::string, std::vector<int>> sub_maps_of;
-    for (size_t m = 0; m < sub_maps_.size(); ++m) {
-      for (const Image& image : sub_maps_[m].scene.images) {
-        sub_maps_of[image.name].push_back(static_cast<int>(m));
+  std::set<std::pair<int, int>> connected;
+  for (const SubMapEdge& edge : edges) {
+    if (!edge.is_used) continue;
+    connected.emplace(edge.sub_map1, edge.sub_map2);
+    connected.emplace(edge.sub_map2, edge.sub_map1);
+  }
+  const auto are_connected = [&](const CrossPair& pair) {
+    for (const int a : sub_maps_of[pair.name1]) {
+      for (const int b : sub_maps_of[pair.name2]) {
+        if (connected.count({a, b}) > 0) return true;
       }
     }
-    std::set<std::pair<int, int>> connected;
-    for (const SubMapEdge& edge : joined_.edges) {
-      if (!edge.is_used) continue;
-      connected.emplace(edge.sub_map1, edge.sub_map2);
-      connected.emplace(edge.sub_map2, edge.sub_map1);
-    }
-    const auto are_connected = [&](const CrossPair& pair) {
-      for (const int a : sub_maps_of[pair.name1]) {
-        for (const int b : sub_maps_of[pair.name2]) {
-          if (connected.count({a, b}) > 0) return true;
-        }
-      }
-      return false;
-    };
-    std::vector<CrossPair> trusted;
-    std::copy_if(all_pairs_.begin(), all_pairs_.end(),
-                 std::back_inserter(trusted), are_connected);
-    return trusted;
-  }
+    return false;
+  };
+  std::vector<CrossPair> trusted;
+  std::copy_if(pairs.begin(), pairs.end(), std::back_inserter(trusted),
+               are_connected);
+  return trusted;
+}
 
-  void MergeComponent(const std::vector<int>& component) {
-    SceneModel model = std::move(sub_maps_[component.front()]);
-    TransformWorld(world_from_[component.front()], &model.reconstruction);
-    ReservePoints(component, &model);
-    std::vector<int> merged = {component.front()};
-    for (size_t i = 1; i < component.size(); ++i) {
-      const int m = component[i];
-      MergeOptions options;
-      options.first_from_second = world_from_[m];
-      try {
-        (void)MergeModels(sub_maps_[m], options, &model);
-      } catch (const Error& error) {
-        joined_.conflicts[m] = error.what();
-        Add(std::move(sub_maps_[m]), {m});
-        continue;
-      }
-      sub_maps_[m] = SceneModel();
-      merged.push_back(m);
-    }
-    joined_.num_loop_points += MergePointsOfMatches(pairs_, &model);
-    ExtendTracks(pairs_, &model);
-    RemoveLargeErrors(MergeOptions().max_reproj_error_px, &model);
-    std::sort(merged.begin(), merged.end());
-    Add(std::move(model), std::move(merged));
-  }
+void AddModel(SceneModel model, std::vector<int> sub_maps, JoinedMaps* joined) {
+  auto& poses = model.reconstruction.rig_from_world;
+  const auto of_old = std::exchange(poses, {});
+  for (const int i : SortFrames(&model.scene)) poses.push_back(of_old[i]);
+  joined->models.push_back(std::move(model));
+  joined->sub_maps.push_back(std::move(sub_maps));
+}
 
+// Merges the sub-maps of a component, which are emptied.
+void MergeComponent(const std::vector<int>& component,
+                    const std::vector<Sim3>& world_from,
+                    const std::vector<CrossPair>& pairs,
+                    std::vector<SceneModel>* sub_maps, JoinedMaps* joined) {
   // Reserves memory, because a growing vector temporarily holds its items
   // twice.
-  void ReservePoints(const std::vector<int>& component,
-                     SceneModel* model) const {
-    size_t num_points = model->reconstruction.points.size();
-    for (size_t i = 1; i < component.size(); ++i) {
-      num_points += sub_maps_[component[i]].reconstruction.points.size();
+  size_t num_points = 0;
+  for (const int m : component) {
+    num_points += (*sub_maps)[m].reconstruction.points.size();
+  }
+  SceneModel model = std::move((*sub_maps)[component.front()]);
+  TransformWorld(world_from[component.front()], &model.reconstruction);
+  model.reconstruction.points.reserve(num_points);
+  std::vector<int> merged = {component.front()};
+  for (size_t i = 1; i < component.size(); ++i) {
+    const int m = component[i];
+    MergeOptions options;
+    options.first_from_second = world_from[m];
+    try {
+      (void)MergeModels((*sub_maps)[m], options, &model);
+    } catch (const Error& error) {
+      joined->conflicts[m] = error.what();
+      AddModel(std::move((*sub_maps)[m]), {m}, joined);
+      continue;
     }
-    model->reconstruction.points.reserve(num_points);
+    (*sub_maps)[m] = SceneModel();
+    merged.push_back(m);
   }
+  joined->num_loop_points += MergePointsOfMatches(pairs, &model);
+  ExtendTracks(pairs, &model);
+  RemoveLargeErrors(MergeOptions().max_reproj_error_px, &model);
+  std::sort(merged.begin(), merged.end());
+  AddModel(std::move(model), std::move(merged), joined);
+}
 
-  void Add(SceneModel model, std::vector<int> sub_maps) {
-    auto& poses = model.reconstruction.rig_from_world;
-    const auto of_old = std::exchange(poses, {});
-    for (const int i : SortFrames(&model.scene)) poses.push_back(of_old[i]);
-    joined_.models.push_back(std::move(model));
-    joined_.sub_maps.push_back(std::move(sub_maps));
+void SortModels(JoinedMaps* joined) {
+  std::vector<size_t> order = Indices<size_t>(joined->models.size());
+  StableSortDescendingBy(&order, [&](size_t a) {
+    return CountIf(joined->models[a].reconstruction.rig_from_world,
+                   [](const auto& pose) { return pose.has_value(); });
+  });
+  auto models = std::exchange(joined->models, {});
+  auto sub_maps = std::exchange(joined->sub_maps, {});
+  for (const size_t i : order) {
+    joined->models.push_back(std::move(models[i]));
+    joined->sub_maps.push_back(std::move(sub_maps[i]));
   }
-
-  void SortModels() {
-    std::vector<size_t> order = Indices<size_t>(joined_.models.size());
-    StableSortDescendingBy(
-        &order, [&](size_t a) { return NumFrames(joined_.models[a]); });
-    JoinedMaps sorted;
-    for (const size_t i : order) {
-      sorted.models.push_back(std::move(joined_.models[i]));
-      sorted.sub_maps.push_back(std::move(joined_.sub_maps[i]));
-    }
-    joined_.models = std::move(sorted.models);
-    joined_.sub_maps = std::move(sorted.sub_maps);
-  }
-
-  std::vector<SceneModel> sub_maps_;
-  const std::vector<CrossPair>& all_pairs_;
-  std::vector<CrossPair> pairs_;  // between sub-maps with a used edge
-  const JoinOptions& options_;
-  const Context& context_;
-  std::vector<Sim3> world_from_;
-  JoinedMaps joined_;
-};
+}
 
 }  // namespace
 
 JoinedMaps JoinSubMaps(std::vector<SceneModel> sub_maps,
                        const std::vector<CrossPair>& pairs,
                        const JoinOptions& options, const Context& context) {
-  return SubMapJoiner(std::move(sub_maps), pairs, options, context).Run();
+  JoinedMaps joined;
+  joined.edges = MeasureEdges(sub_maps, pairs, options);
+  const std::vector<int> forest =
+      RejectWrongLoops(sub_maps, options, &joined.edges);
+  const std::vector<CrossPair> trusted =
+      TrustedPairs(sub_maps, joined.edges, pairs);
+  const std::vector<Sim3> world_from =
+      AverageSimilarities(sub_maps, joined.edges, forest);
+  joined.conflicts.resize(sub_maps.size());
+  for (const std::vector<int>& component :
+       OrderOfMerging(sub_maps.size(), joined.edges, forest)) {
+    context.CheckInterrupted();
+    MergeComponent(component, world_from, trusted, &sub_maps, &joined);
+  }
+  SortModels(&joined);
+  return joined;
 }
 
 }  // namespace mgsfm

@@ -104,20 +104,15 @@ std::vector<int> ChooseCalibrationClusters(
   std::vector<int> chosen;
   for (const Rig& rig : scene.rigs) {
     if (rig.sensor_idxs.size() < 2) continue;
-    const auto weakest = [&](int cluster) {
-      double min = counts[cluster][rig.ref_sensor_idx];
+    const auto weakest = Transformed(counts, [&](const auto& of_cluster) {
+      double min = of_cluster[rig.ref_sensor_idx];
       for (const int sensor_idx : rig.sensor_idxs) {
-        min = std::min(min, counts[cluster][sensor_idx]);
+        min = std::min(min, of_cluster[sensor_idx]);
       }
       return min;
-    };
-    int best = 0;
-    for (size_t i = 1; i < clusters.size(); ++i) {
-      if (weakest(static_cast<int>(i)) > weakest(best)) {
-        best = static_cast<int>(i);
-      }
-    }
-    chosen.push_back(best);
+    });
+    const auto best = std::max_element(weakest.begin(), weakest.end());
+    chosen.push_back(static_cast<int>(best - weakest.begin()));
   }
   SortUnique(&chosen);
   return chosen;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
-
+#include "base/ranges.h"
 #include "geometry/decompositions.h"
 #include "mgsfm/model_tools/model_tools.h"
 #include "scene/item_lists.h"
@@ -59,9 +58,10 @@ ImageAgreement CompareCenters(const std::vector<ImagePoses>& images,
             .norm());
   }
   agreement.max_distance = kMaxShareOfExtent * box.diagonal().norm() + 1e-12;
-  agreement.num_agreeing = static_cast<int>(
-      std::count_if(agreement.distances.begin(), agreement.distances.end(),
-                    [&](double d) { return d <= agreement.max_distance; }));
+  agreement.num_agreeing =
+      static_cast<int>(CountIf(agreement.distances, [&](double d) {
+        return d <= agreement.max_distance;
+      }));
   return agreement;
 }
 

@@ -7,7 +7,6 @@
 
 #include "base/ranges.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/model_tools/model_tools.h"
 #include "scene/observations.h"
 
@@ -121,37 +120,17 @@ Eigen::AlignedBox3d BoxOfQuantiles(const SceneModel& model, double lower,
   return box;
 }
 
-namespace {
-
-// nullopt if the point does not project into the image.
-std::optional<double> ReprojectionErrorPx(const SceneModel& model,
-                                          const Eigen::Vector3d& point_in_world,
-                                          const Observation& o) {
-  const Image& image = model.scene.images[o.image_idx];
-  const Camera& camera =
-      model.reconstruction
-          .cameras[model.scene.sensors[image.sensor_idx].camera_idx];
-  const auto pose = model.reconstruction.CamFromWorld(model.scene, o.image_idx);
-  if (!pose) return std::nullopt;
-  const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
-                                    *pose * point_in_world);
-  if (!pixel) return std::nullopt;
-  return (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm();
-}
-
-}  // namespace
-
 void RemoveLargeErrors(double max_error_px, SceneModel* model) {
   std::vector<Point3D>& points = model->reconstruction.points;
   for (Point3D& point : points) {
     double sum_px = 0.0;
     size_t num_kept = 0;
     for (const Observation& o : point.track) {
-      const auto error_px =
-          ReprojectionErrorPx(*model, point.point_in_world, o);
-      if (!error_px || *error_px > max_error_px) continue;
+      const auto residual_px = ResidualPx(model->scene, model->reconstruction,
+                                          o, point.point_in_world);
+      if (!residual_px || residual_px->norm() > max_error_px) continue;
       point.track[num_kept++] = o;
-      sum_px += *error_px;
+      sum_px += residual_px->norm();
     }
     point.track.resize(num_kept);
     point.track.shrink_to_fit();

@@ -2,6 +2,7 @@
 #include "report_page/chart_parts.h"
 
 #include <algorithm>
+#include <functional>
 #include <iterator>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -23,13 +24,6 @@ const Vector2d kDirections[] = {{0.0, 1.0},  {0.0, -1.0}, {1.0, 0.0},
                                 {-1.0, 0.0}, {1.0, 1.0},  {-1.0, 1.0},
                                 {1.0, -1.0}, {-1.0, -1.0}};
 
-// Bytes that continue a character of UTF-8 take no space.
-size_t CountCharacters(const std::string& text) {
-  return static_cast<size_t>(std::count_if(
-      text.begin(), text.end(),
-      [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
-}
-
 AlignedBox2d BoxAround(const Vector2d& middle, const Vector2d& size) {
   return {middle - 0.5 * size, middle + 0.5 * size};
 }
@@ -42,8 +36,9 @@ double AreaOfIntersection(const AlignedBox2d& a, const AlignedBox2d& b) {
 }  // namespace
 
 Vector2d LabelPlacement::SizeOf(const std::string& text) {
-  return {kCharWidthPx * static_cast<double>(CountCharacters(text)),
-          kLineHeightPx};
+  const auto num_characters = static_cast<double>(
+      std::count_if(text.begin(), text.end(), std::not_fn(IsContinuation)));
+  return {kCharWidthPx * num_characters, kLineHeightPx};
 }
 
 double LabelPlacement::Overlap(const AlignedBox2d& box) const {
@@ -102,14 +97,6 @@ Eigen::Vector3d SequentialColor(double value) {
   return color;
 }
 
-std::string FormatCount(size_t count) {
-  std::string digits = std::to_string(count);
-  for (auto i = static_cast<int>(digits.size()) - 3; i > 0; i -= 3) {
-    digits.insert(static_cast<size_t>(i), ",");
-  }
-  return digits;
-}
-
 std::string PngUrl(int width_px, int height_px,
                    const std::vector<uint8_t>& rgba) {
   cv::Mat image(height_px, width_px, CV_8UC4);
@@ -121,22 +108,6 @@ std::string PngUrl(int width_px, int height_px,
   }
   return "data:image/png;base64," +
          ToBase64(EncodeImage(".png", image, {cv::IMWRITE_PNG_COMPRESSION, 9}));
-}
-
-void DrawHorizontalAxis(const Eigen::Vector2d& corner, double width,
-                        double height, double max, int num_ticks,
-                        const std::string& label, SvgDrawing* drawing) {
-  const Ticks ticks = MakeTicks(0.0, max, num_ticks);
-  const double bottom = corner.y() + height;
-  for (const double value : ticks.values) {
-    const double x = corner.x() + width * value / max;
-    drawing->Line({x, corner.y()}, {x, bottom}, kGridStyle);
-    drawing->Text({x, bottom + 15.0}, FormatNumber(value, ticks.digits),
-                  kCenterStyle);
-  }
-  drawing->Line({corner.x(), bottom}, {corner.x() + width, bottom},
-                kFrameStyle);
-  drawing->Text({corner.x() + 0.5 * width, bottom + 31.0}, label, kCenterStyle);
 }
 
 }  // namespace mgsfm

@@ -51,16 +51,8 @@ std::string SensorColor(int order);
 // (viridis, Smith & van der Walt 2015), at 9 nodes.
 Eigen::Vector3d SequentialColor(double value);
 
-// "12,345".
-std::string FormatCount(size_t count);
-
 // A PNG of RGBA pixels, row by row, as a data URL.
 std::string PngUrl(int width_px, int height_px,
                    const std::vector<uint8_t>& rgba);
-
-// Axis labels below a plot that shows [0, max] over `width` px.
-void DrawHorizontalAxis(const Eigen::Vector2d& corner, double width,
-                        double height, double max, int num_ticks,
-                        const std::string& label, SvgDrawing* drawing);
 
 }  // namespace mgsfm

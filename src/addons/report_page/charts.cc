@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/format.h"
 #include "base/ranges.h"
 #include "report_page/chart_parts.h"
 #include "report_page/encoding.h"
@@ -28,14 +29,8 @@ std::string FillStyle(const std::string& color) {
 }
 
 std::string RgbHex(const Vector3d& color) {
-  static constexpr char kDigits[] = "0123456789abcdef";
-  std::string hex = "#";
-  for (int c = 0; c < 3; ++c) {
-    const int value = static_cast<int>(std::lround(color[c]));
-    hex += kDigits[value >> 4];
-    hex += kDigits[value & 15];
-  }
-  return hex;
+  return Formatted("#%02lx%02lx%02lx", std::lround(color[0]),
+                   std::lround(color[1]), std::lround(color[2]));
 }
 
 // Panels of equal size in rows of three.
@@ -63,6 +58,23 @@ struct Bin {
 std::string BinColor(const Bin& bin) {
   if (bin.num_registered == bin.num_images) return "#2e8b57";
   return bin.num_registered == 0 ? "#d1495b" : "#e6a532";
+}
+
+// Axis labels below a plot that shows [0, max] over `width` px.
+void DrawHorizontalAxis(const Eigen::Vector2d& corner, double width,
+                        double height, double max, int num_ticks,
+                        const std::string& label, SvgDrawing* drawing) {
+  const Ticks ticks = MakeTicks(0.0, max, num_ticks);
+  const double bottom = corner.y() + height;
+  for (const double value : ticks.values) {
+    const double x = corner.x() + width * value / max;
+    drawing->Line({x, corner.y()}, {x, bottom}, kGridStyle);
+    drawing->Text({x, bottom + 15.0}, FormatNumber(value, ticks.digits),
+                  kCenterStyle);
+  }
+  drawing->Line({corner.x(), bottom}, {corner.x() + width, bottom},
+                kFrameStyle);
+  drawing->Text({corner.x() + 0.5 * width, bottom + 31.0}, label, kCenterStyle);
 }
 
 }  // namespace
@@ -260,8 +272,8 @@ std::string TrackLengthChart(const PageModel& model) {
   for (const double value : ticks.values) {
     const double y = kTop + kHeight * (1.0 - value / max);
     drawing.Line({kLeft, y}, {kWidth - 20.0, y}, kGridStyle);
-    drawing.Text({kLeft - 8.0, y + 4.0},
-                 FormatCount(static_cast<size_t>(value)), kRightStyle);
+    drawing.Text({kLeft - 8.0, y + 4.0}, Count(static_cast<size_t>(value)),
+                 kRightStyle);
   }
   const double bar =
       (kWidth - kLeft - 20.0) / static_cast<double>(max_length - 1);

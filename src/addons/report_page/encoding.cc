@@ -10,10 +10,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-bool IsContinuation(char c) {
-  return (static_cast<unsigned char>(c) & 0xC0) == 0x80;
-}
-
 // Characters that the strings have in common at their start, as far as these
 // are ASCII: JavaScript counts others differently.
 size_t SharedPrefix(const std::string& a, const std::string& b) {
@@ -27,7 +23,13 @@ size_t SharedPrefix(const std::string& a, const std::string& b) {
 
 }  // namespace
 
+bool IsContinuation(char c) {
+  return (static_cast<unsigned char>(c) & 0xC0) == 0x80;
+}
+
 std::string ToBase64(const std::string& bytes) {
+  constexpr char kDigits[] =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string text;
   text.reserve(Base64Size(bytes.size()));
   for (size_t i = 0; i < bytes.size(); i += 3) {
@@ -38,8 +40,7 @@ std::string ToBase64(const std::string& bytes) {
       if (k < num_bytes) group |= static_cast<unsigned char>(bytes[i + k]);
     }
     for (size_t k = 0; k < 4; ++k) {
-      text +=
-          k <= num_bytes ? kBase64Digits[(group >> (18 - 6 * k)) & 63] : '=';
+      text += k <= num_bytes ? kDigits[(group >> (18 - 6 * k)) & 63] : '=';
     }
   }
   return text;

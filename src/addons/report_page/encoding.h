@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <cstdint>
 #include <cstring>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <string_view>
+#include <type_traits>
 #include <vector>
 
 namespace mgsfm {
 
-constexpr std::string_view kBase64Digits =
-    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+// Whether a byte continues a character of UTF-8.
+bool IsContinuation(char c);
 
 std::string ToBase64(const std::string& bytes);
 
@@ -43,28 +42,15 @@ nlohmann::ordered_json FrontCode(const std::vector<std::string>& names,
 // {"name": [type, offset in bytes, number of values]}, little-endian.
 class ArrayWriter {
  public:
-  void Add(const std::string& name, const std::vector<float>& values) {
-    AddBytes(name, "f32", values);
-  }
-  void Add(const std::string& name, const std::vector<int16_t>& values) {
-    AddBytes(name, "i16", values);
-  }
-  void Add(const std::string& name, const std::vector<uint8_t>& values) {
-    AddBytes(name, "u8", values);
-  }
-  void Add(const std::string& name, const std::vector<uint32_t>& values) {
-    AddBytes(name, "u32", values);
-  }
-
-  const std::string& bytes() const { return bytes_; }
-  const nlohmann::ordered_json& directory() const { return directory_; }
-
- private:
+  // T is float, int16_t, uint8_t or uint32_t.
   template <class T>
-  void AddBytes(const std::string& name, const char* type,
-                const std::vector<T>& values) {
+  void Add(const std::string& name, const std::vector<T>& values) {
+    const char kind = std::is_floating_point_v<T> ? 'f'
+                      : std::is_signed_v<T>       ? 'i'
+                                                  : 'u';
     bytes_.resize((bytes_.size() + 3) / 4 * 4);
-    directory_[name] = {type, bytes_.size(), values.size()};
+    directory_[name] = {kind + std::to_string(8 * sizeof(T)), bytes_.size(),
+                        values.size()};
     if (values.empty()) return;
     const size_t offset = bytes_.size();
     bytes_.resize(offset + values.size() * sizeof(T));
@@ -72,6 +58,10 @@ class ArrayWriter {
                 values.size() * sizeof(T));
   }
 
+  const std::string& bytes() const { return bytes_; }
+  const nlohmann::ordered_json& directory() const { return directory_; }
+
+ private:
   std::string bytes_;
   nlohmann::ordered_json directory_ = nlohmann::ordered_json::object();
 };

@@ -8,7 +8,6 @@
 #include "base/text.h"
 #include "base/text_streams.h"
 #include "evaluation/svg.h"
-#include "report_page/chart_parts.h"
 #include "report_page/encoding.h"
 
 namespace mgsfm {
@@ -81,7 +80,13 @@ std::string Number(std::optional<double> value, int digits,
   return unit.empty() ? text : text + "&nbsp;" + unit;
 }
 
-std::string Count(size_t count) { return FormatCount(count); }
+std::string Count(size_t count) {
+  std::string digits = std::to_string(count);
+  for (auto i = static_cast<int>(digits.size()) - 3; i > 0; i -= 3) {
+    digits.insert(static_cast<size_t>(i), ",");
+  }
+  return digits;
+}
 
 std::string Share(size_t part, size_t all) {
   if (all == 0) return "0 of 0";

@@ -19,6 +19,7 @@ std::string WithBlanks(std::string name);
 std::string Number(std::optional<double> value, int digits,
                    const std::string& unit = "");
 
+// "12,345".
 std::string Count(size_t count);
 
 // "3 of 4 (75 %)".

@@ -5,6 +5,7 @@
 #include <map>
 #include <vector>
 
+#include "base/ranges.h"
 #include "math/statistics.h"
 #include "report_page/chart_parts.h"
 #include "report_page/charts.h"
@@ -217,7 +218,6 @@ std::string TrajectoryChart(const PageModel& model) {
 
 namespace {
 
-using Eigen::Vector2d;
 using Json = nlohmann::ordered_json;
 
 // The chart has 560 px, so that a bin has more than one.
@@ -253,8 +253,7 @@ void CountCommonPoints(const PageModel& model, FrameMatrix* matrix) {
       bins.push_back(matrix->BinOf(
           model.input.scene.images[observation.image_idx].frame_idx));
     }
-    std::sort(bins.begin(), bins.end());
-    bins.erase(std::unique(bins.begin(), bins.end()), bins.end());
+    SortUnique(&bins);
     const size_t step = 1 + bins.size() / kMaxBinsPerTrack;
     for (size_t i = 0; i < bins.size(); i += step) {
       for (size_t j = i; j < bins.size(); j += step) {

@@ -5,6 +5,7 @@
 #include <iterator>
 
 #include "base/parallel.h"
+#include "base/ranges.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/version.h"
 
@@ -12,6 +13,7 @@ namespace mgsfm {
 namespace {
 
 using Eigen::Vector2d;
+using Json = nlohmann::ordered_json;
 
 // Adds one value to the statistics of an image, sensor or model.
 void Add(std::optional<double> error_px, ImageStatistics* statistics) {
@@ -51,9 +53,8 @@ void CountImages(const Scene& scene, const Projector& projector,
     ++statistics->num_registered_images;
   }
   statistics->num_registered_frames =
-      std::count_if(reconstruction.rig_from_world.begin(),
-                    reconstruction.rig_from_world.end(),
-                    [](const auto& pose) { return pose.has_value(); });
+      CountIf(reconstruction.rig_from_world,
+              [](const auto& pose) { return pose.has_value(); });
 }
 
 }  // namespace
@@ -141,8 +142,6 @@ PageStatistics ComputeStatistics(const Scene& scene,
 
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 void WarnOfNewerVersion(const std::string& version, const Context& context) {
   try {
     if (version.empty() || !IsNewerVersion(version)) return;
@@ -156,8 +155,7 @@ void WarnOfNewerVersion(const std::string& version, const Context& context) {
 
 }  // namespace
 
-nlohmann::ordered_json ParseReport(const std::string& text,
-                                   const Context& context) {
+Json ParseReport(const std::string& text, const Context& context) {
   if (text.empty()) return Json::object();
   Json report = Json::parse(text, nullptr, false);
   if (!report.is_object()) {
@@ -169,8 +167,8 @@ nlohmann::ordered_json ParseReport(const std::string& text,
   return report;
 }
 
-PageModel MakePageModel(const ReportPageInput& input,
-                        nlohmann::ordered_json report, const Context& context) {
+PageModel MakePageModel(const ReportPageInput& input, Json report,
+                        const Context& context) {
   Projector projector(input.scene, input.reconstruction);
   PageStatistics statistics =
       ComputeStatistics(input.scene, input.reconstruction, projector, context);
@@ -189,14 +187,21 @@ FramesOfNames FramesByName(const Scene& scene) {
   return frame_of_name;
 }
 
-std::optional<std::pair<int, int>> FrameRange(
-    const nlohmann::ordered_json& names, const FramesOfNames& frame_of_name) {
+std::optional<std::pair<std::string, std::string>> GetTwoNames(
+    const Json& names) {
   if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
       !names[1].is_string()) {
     return std::nullopt;
   }
-  const auto first = frame_of_name.lower_bound(names[0].get<std::string>());
-  const auto end = frame_of_name.upper_bound(names[1].get<std::string>());
+  return std::pair(names[0].get<std::string>(), names[1].get<std::string>());
+}
+
+std::optional<std::pair<int, int>> FrameRange(
+    const Json& names, const FramesOfNames& frame_of_name) {
+  const auto ends = GetTwoNames(names);
+  if (!ends) return std::nullopt;
+  const auto first = frame_of_name.lower_bound(ends->first);
+  const auto end = frame_of_name.upper_bound(ends->second);
   if (first == frame_of_name.end() || end == frame_of_name.begin()) {
     return std::nullopt;
   }
@@ -206,8 +211,7 @@ std::optional<std::pair<int, int>> FrameRange(
 }
 
 std::string LengthUnit(const PageModel& model) {
-  const nlohmann::ordered_json& models =
-      GetArray(Get(model.report, "summary"), "models");
+  const Json& models = GetArray(Get(model.report, "summary"), "models");
   const size_t i = model.input.model_idx;
   const bool is_metric =
       i < models.size() &&

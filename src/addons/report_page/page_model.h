@@ -136,6 +136,10 @@ inline std::optional<double> GetNumber(const nlohmann::ordered_json& object,
   return value.get<double>();
 }
 
+// The texts of an array of two.
+std::optional<std::pair<std::string, std::string>> GetTwoNames(
+    const nlohmann::ordered_json& names);
+
 // The natural order of names, which is that of frames without times.
 struct ByName {
   bool operator()(const std::string& a, const std::string& b) const {

@@ -12,6 +12,7 @@
 #include "base/file_reading.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranges.h"
 #include "files/image_reading.h"
 #include "files/image_writing.h"
 #include "math/statistics.h"
@@ -30,9 +31,8 @@ void ExtendByMost(const std::vector<Vector3d>& places, double quantile,
   if (places.empty()) return;
   Vector3d min, max;
   for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> values;
-    values.reserve(places.size());
-    for (const Vector3d& place : places) values.push_back(place[axis]);
+    std::vector<double> values =
+        Transformed(places, [&](const Vector3d& place) { return place[axis]; });
     min[axis] = Quantile(values, quantile);
     max[axis] = Quantile(std::move(values), 1.0 - quantile);
   }

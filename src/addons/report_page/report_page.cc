@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "base/ranges.h"
 #include "evaluation/evaluation_plot.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/report_page/figures.h"
@@ -133,17 +134,11 @@ std::vector<Figure> MakeFigures(const ReportPageInput& input,
                                  {"residuals", ErrorMapChart(model)},
                                  {"view_graph", ViewGraphChart(model)}};
   if (input.truth) {
-    EvaluationLabels labels;
-    labels.length_unit = LengthUnitName(input.truth->evaluation);
-    figures.push_back(
-        {"errors", EvaluationToSvg(input.truth->images, input.truth->evaluation,
-                                   labels)});
+    figures.push_back({"errors", EvaluationToSvg(input.truth->images,
+                                                 input.truth->evaluation)});
   }
-  std::vector<Figure> shown;
-  for (Figure& figure : figures) {
-    if (!figure.svg.empty()) shown.push_back(std::move(figure));
-  }
-  return shown;
+  EraseIf(&figures, [](const Figure& figure) { return figure.svg.empty(); });
+  return figures;
 }
 
 }  // namespace mgsfm

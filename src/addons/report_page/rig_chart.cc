@@ -4,6 +4,7 @@
 #include <map>
 #include <utility>
 
+#include "base/ranges.h"
 #include "geometry/decompositions.h"
 #include "geometry/so3.h"
 #include "report_page/chart_parts.h"
@@ -263,9 +264,8 @@ std::string RigChart(const PageModel& model) {
   for (const Rig& rig : model.input.scene.rigs) {
     if (CollectSensors(model, rig).size() > 1) rigs.push_back(&rig);
   }
-  std::stable_sort(rigs.begin(), rigs.end(), [](const Rig* a, const Rig* b) {
-    return a->sensor_idxs.size() > b->sensor_idxs.size();
-  });
+  StableSortDescendingBy(
+      &rigs, [](const Rig* rig) { return rig->sensor_idxs.size(); });
   rigs.resize(std::min(rigs.size(), kMaxRigs));
   if (rigs.empty()) return "";
   SvgDrawing drawing(kWidth,

@@ -183,18 +183,13 @@ Json AddReasons(const PageModel& model, const ShownImages& shown,
   for (const int frame_idx : shown.frame_idxs) {
     const auto found =
         reason_of_name.find(model.input.scene.frames[frame_idx].name);
-    uint8_t number = 0;
-    if (found != reason_of_name.end()) {
-      const auto known = number_of_reason.find(found->second);
-      if (known != number_of_reason.end()) {
-        number = known->second;
-      } else if (reasons.size() < 255) {
-        reasons.push_back(Shorten(found->second, 300));
-        number = static_cast<uint8_t>(reasons.size());
-        number_of_reason[found->second] = number;
-      }
-    }
-    numbers.push_back(number);
+    numbers.push_back(0);
+    if (found == reason_of_name.end()) continue;
+    const size_t next = reasons.size() < 255 ? reasons.size() + 1 : 0;
+    const auto [known, is_new] =
+        number_of_reason.emplace(found->second, static_cast<uint8_t>(next));
+    if (is_new && next > 0) reasons.push_back(Shorten(found->second, 300));
+    numbers.back() = known->second;
   }
   arrays->Add("frame_reason", numbers);
   return reasons;

@@ -5,6 +5,8 @@
 #include <functional>
 #include <tuple>
 
+#include "base/ranges.h"
+#include "base/text_tools.h"
 #include "evaluation/evaluation_plot.h"
 #include "evaluation/svg.h"
 #include "geometry/so3.h"
@@ -37,9 +39,9 @@ std::string FocalLengthCell(const PageModel& model, const Camera& camera) {
 // The share of the image plane where points are seen, by the cells of the map
 // of errors.
 std::string CoverageCell(const SensorStatistics& sensor) {
-  const auto num_seen = std::count_if(
-      sensor.cells.begin(), sensor.cells.end(),
-      [](const ImageCell& cell) { return cell.num_residuals > 0; });
+  const auto num_seen = CountIf(sensor.cells, [](const ImageCell& cell) {
+    return cell.num_residuals > 0;
+  });
   return Number(100.0 * static_cast<double>(num_seen) /
                     static_cast<double>(sensor.cells.size()),
                 0, "%");
@@ -54,10 +56,8 @@ std::string SensorTable(const PageModel& model) {
         model.input.reconstruction.cameras[scene.sensors[i].camera_idx];
     const CameraModelInfo* info =
         FindCameraModel(static_cast<int32_t>(camera.model));
-    std::string params;
-    for (const double value : camera.params) {
-      params += (params.empty() ? "" : ", ") + Number(value, 4);
-    }
+    const auto params = Transformed(
+        camera.params, [](double value) { return Number(value, 4); });
     rows.push_back(
         {Text(scene.sensors[i].name.empty() ? "images" : scene.sensors[i].name),
          Share(s.num_registered, s.num_images), Count(s.errors.num_points),
@@ -65,7 +65,7 @@ std::string SensorTable(const PageModel& model) {
          std::string(info ? info->name : "?") + " " +
              Count(static_cast<size_t>(camera.width_px)) + "&times;" +
              Count(static_cast<size_t>(camera.height_px)),
-         params, FocalLengthCell(model, camera)});
+         Joined(params, ", "), FocalLengthCell(model, camera)});
   }
   return Table(
       {"camera", "images registered", "observations", "coverage of the image",
@@ -101,16 +101,12 @@ std::string MissingTable(const PageModel& model) {
 
 // The stretches of frames on one side of a seam.
 std::string Stretches(const Json& stretches) {
-  std::string text;
+  std::vector<std::string> texts;
   for (const Json& names : stretches) {
-    if (!names.is_array() || names.size() != 2 || !names[0].is_string() ||
-        !names[1].is_string()) {
-      continue;
-    }
-    if (!text.empty()) text += "; ";
-    text += names[0].get<std::string>() + " to " + names[1].get<std::string>();
+    const auto ends = GetTwoNames(names);
+    if (ends) texts.push_back(ends->first + " to " + ends->second);
   }
-  return Text(text);
+  return Text(Joined(texts, "; "));
 }
 
 std::string SeamTable(const PageModel& model) {
@@ -133,13 +129,11 @@ std::string SeamTable(const PageModel& model) {
 
 // Sigmas of three values as "a, b, c".
 std::string Triple(const Json& values, int digits) {
-  std::string html;
   if (!values.is_array()) return "&ndash;";
-  for (const Json& value : values) {
-    if (!html.empty()) html += ", ";
-    html += value.is_number() ? Number(value.get<double>(), digits) : "&ndash;";
-  }
-  return html;
+  const auto texts = Transformed(values, [&](const Json& value) {
+    return value.is_number() ? Number(value.get<double>(), digits) : "&ndash;";
+  });
+  return Joined(texts, ", ");
 }
 
 // The entry of a sensor in the report; null if there is none.
@@ -219,9 +213,7 @@ std::string TruthContent(const PageModel& model) {
   if (!model.input.truth) return "";
   const PoseComparison& truth = *model.input.truth;
   const Evaluation& evaluation = truth.evaluation;
-  EvaluationLabels labels;
-  labels.length_unit = LengthUnitName(evaluation);
-  const std::string& unit = labels.length_unit;
+  const std::string unit = LengthUnitName(evaluation);
   std::vector<Row> rows;
   for (const SensorErrors& sensor : evaluation.sensors) {
     rows.push_back({Text(sensor.name), Number(sensor.rotation_deg, 4),
@@ -236,7 +228,7 @@ std::string TruthContent(const PageModel& model) {
                 "direction error [deg]", "distance [" + unit + "]",
                 "true distance [" + unit + "]"},
                rows) +
-         ThemedChart(EvaluationToSvg(truth.images, evaluation, labels),
+         ThemedChart(EvaluationToSvg(truth.images, evaluation),
                      "path and errors against the truth");
 }
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 
+#include "base/text_tools.h"
 #include "evaluation/evaluation_plot.h"
 #include "report_page/charts.h"
-#include "report_page/encoding.h"
 #include "report_page/html_parts.h"
 #include "report_page/sections.h"
 
@@ -174,16 +174,7 @@ std::string Notes(const PageModel& model) {
           .size(),
       "frames have few observations");
   if (notes.empty()) return "";
-  std::string html;
-  for (const std::string& note : notes) {
-    html += (html.empty() ? "<p class=\"muted\">" : "; ") + note;
-  }
-  return html + ".</p>\n";
-}
-
-// Whether the cards show this key, too.
-bool IsOnCards(const std::string& key) {
-  return key == "num_images" || key == "num_registered_images";
+  return "<p class=\"muted\">" + Joined(notes, "; ") + ".</p>\n";
 }
 
 // "summary" of the report: a text, or values by name.
@@ -197,7 +188,9 @@ std::string ReportSummary(const PageModel& model) {
     if (!summary.is_object()) continue;
     std::vector<Row> rows;
     for (const auto& [key, value] : summary.items()) {
-      if (value.is_structured() || value.is_null() || IsOnCards(key)) continue;
+      const bool is_on_cards =
+          key == "num_images" || key == "num_registered_images";
+      if (value.is_structured() || value.is_null() || is_on_cards) continue;
       rows.push_back(
           {Text(WithBlanks(key)),
            Text(value.is_string() ? value.get<std::string>() : value.dump())});

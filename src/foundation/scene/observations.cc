@@ -33,6 +33,19 @@ std::optional<double> MeanReprojectionErrorPx(
   return sum_px / static_cast<double>(num_errors);
 }
 
+std::optional<Eigen::Vector2d> ResidualPx(
+    const Scene& scene, const Reconstruction& reconstruction,
+    const Observation& observation, const Eigen::Vector3d& point_in_world) {
+  const auto pose = reconstruction.CamFromWorld(scene, observation.image_idx);
+  if (!pose) return std::nullopt;
+  const Image& image = scene.images[observation.image_idx];
+  const Camera& camera = reconstruction.cameras[image.camera_idx];
+  const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
+                                    *pose * point_in_world);
+  if (!pixel) return std::nullopt;
+  return *pixel - image.keypoints_px[observation.keypoint_idx].cast<double>();
+}
+
 RayMatches RaysOf(const Bearings& bearings, const ImagePair& pair) {
   RayMatches rays;
   rays.Reserve(pair.matches.size());

@@ -31,6 +31,12 @@ inline bool IsOfOneSensor(const Scene& scene, const ImagePair& pair) {
          scene.images[pair.image_idx2].sensor_idx;
 }
 
+// The projection of a point minus the keypoint that observes it; nullopt if the
+// image has no pose or does not see the point.
+std::optional<Eigen::Vector2d> ResidualPx(
+    const Scene& scene, const Reconstruction& reconstruction,
+    const Observation& observation, const Eigen::Vector3d& point_in_world);
+
 // Calls function(match, ray1, ray2) for the matches of a pair whose keypoints
 // both have a ray.
 template <typename Function>

@@ -11,10 +11,12 @@
 #include <opencv2/imgcodecs.hpp>
 #include <string_view>
 
+#include "base/file_reading.h"
 #include "base/memory.h"
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
+#include "files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -330,6 +332,12 @@ void SetUpCodecs() {
 std::optional<ImageSize> ReadImageSize(const std::string& file) {
   const std::optional<ImageSize> size = ReadSize(Bytes(file));
   return size && size->width > 0 && size->height > 0 ? size : std::nullopt;
+}
+
+std::optional<ImageSize> ReadImageSizeOf(const std::filesystem::path& path) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(path, ignored)) return std::nullopt;
+  return ReadImageSize(ReadFile(path, "", kMaxImageHeaderBytes));
 }
 
 DecodedImage DecodeImage(const std::string& file, int imread_flags,

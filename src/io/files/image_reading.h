@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <optional>
@@ -31,6 +32,10 @@ constexpr size_t kMaxImageHeaderBytes = size_t{1} << 20;
 // The size in the header of an image file; nullopt for other formats and
 // damaged headers. Decodes no pixels.
 std::optional<ImageSize> ReadImageSize(const std::string& file);
+
+// The same for a file on disk, of which only the header is read; nullopt also
+// if there is no such file.
+std::optional<ImageSize> ReadImageSizeOf(const std::filesystem::path& path);
 
 // The memory for decoding is proportional to the number of pixels, not to the
 // size of the file, so the number of pixels is limited. The largest cameras
