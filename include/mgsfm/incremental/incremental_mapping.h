@@ -109,6 +109,8 @@ struct IncrementalSummary {
 struct IncrementalResult {
   std::vector<Reconstruction> estimate;  // in the order of their starts
   IncrementalSummary summary;
+  // The frames that steps added, in their order.
+  std::vector<ResectedFrame> added;
   // The last attempts to register the frames of no model.
   std::vector<ResectedFrame> rejected;
 };
@@ -117,6 +119,18 @@ struct IncrementalResult {
 [[nodiscard]] IncrementalResult MapIncrementally(
     const IncrementalInput& input, const IncrementalOptions& options,
     const Context& context,
+    const std::function<void(const Reconstruction&)>& observer);
+
+struct ExistingModel {
+  const Reconstruction& model;
+  const FixedPoses& held;  // stay as they are; no loop is closed then
+};
+
+// Grows an existing model by the frames that it lacks. Its points stand for the
+// matches that made them. Starts no other model.
+[[nodiscard]] IncrementalResult GrowModel(
+    const IncrementalInput& input, const ExistingModel& existing,
+    const IncrementalOptions& options, const Context& context,
     const std::function<void(const Reconstruction&)>& observer);
 
 }  // namespace mgsfm

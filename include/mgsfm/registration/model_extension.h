@@ -49,6 +49,12 @@ struct ResectedFrame {
   int num_images = 0;     // images of calibrated sensors
   int num_keypoints = 0;  // their keypoints matched to points
   int num_inliers = 0;
+
+  auto Fields() const {
+    return Named("frame_id", As<Item::kFrameId>(frame_idx), "name",
+                 As<Item::kFrameName>(frame_idx), "num_keypoints",
+                 num_keypoints, "num_inliers", num_inliers);
+  }
 };
 
 // A sensor whose pose in the rig was estimated by resection.
@@ -77,15 +83,13 @@ struct ResectionResult {
 
 // Model extension adds the frames of a scene that an existing model lacks.
 //
-// 1. Only pairs with an image that the model lacks are verified. The points of
-//    the model stand for the matches that made them: tracks of the new pairs
-//    are joined with the points that share a keypoint (tracks/JoinPoints).
-//    Models that have no points, or all images, use all pairs.
-// 2. Passes, until one adds no frame: all frames without a pose are resected
-//    against the points (ResectFrames), each as one rigid unit.
-//    The sensors of a rig that is new to the model are calibrated in the same
-//    pass. Tracks of new images are then triangulated, and the frames of the
-//    pass are refined with all others fixed.
+// 1. Only pairs with an image that the model lacks are verified and judged by
+//    the rules on rotations and moving objects. The points of the model stand
+//    for the matches that made them: tracks of the new pairs are joined with
+//    the points that share a keypoint (JoinPoints()). Models that have no
+//    points, or all images, use all pairs.
+// 2. The model grows by one frame at a time, as in incremental mapping
+//    (mgsfm/incremental/incremental_mapping.h).
 // 3. Bundle adjustment of all frames, as in the mapper, but with a single round
 //    of solve and triangulation, as all poses are near the optimum.
 //
@@ -93,9 +97,9 @@ struct ResectionResult {
 // aligned to the existing model by the similarity that fits the image poses, or
 // by a rigid transform if known sensor poses determine the unit of length.
 //
-// Cost: verification and tracks are linear in the matches of new images; a pass
-// and bundle adjustment, which converges in few iterations, in the observations
-// of the model.
+// Cost: verification and tracks are linear in the matches of new images, steps
+// in the observations of six frames; bundle adjustment, which converges in few
+// iterations, in the observations of the model.
 
 struct ExtensionOptions {
   Option<bool> fix_existing_frames{
@@ -110,27 +114,14 @@ struct ExtensionOptions {
 };
 
 struct ExtensionSummary {
-  struct AddedFrame {
-    int pass = 0;  // counted from 1
-    ResectedFrame frame;
-
-    auto Fields() const {
-      return Named("frame_id", As<Item::kFrameId>(frame.frame_idx), "name",
-                   As<Item::kFrameName>(frame.frame_idx), "pass", pass,
-                   "num_keypoints", frame.num_keypoints, "num_inliers",
-                   frame.num_inliers);
-    }
-  };
   int num_existing_frames = 0;
-  int num_passes = 0;  // passes that added frames
   bool frames_are_fixed = false;
-  std::vector<AddedFrame> added_frames;
+  std::vector<ResectedFrame> added_frames;  // in the order of their addition
   std::vector<PlacedSensor> placed_sensors;
 
   auto Fields() const {
     return Named("num_existing_frames", num_existing_frames, "frames_are_fixed",
-                 frames_are_fixed, "num_passes", num_passes, "added_frames",
-                 added_frames);
+                 frames_are_fixed, "added_frames", added_frames);
   }
 };
 

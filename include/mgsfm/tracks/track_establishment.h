@@ -112,12 +112,13 @@ struct MatchSelectionInput {
     const MatchSelection& selection, const TrackOptions& options,
     const Context& context);
 
-// Joins candidates with the points that observe one of their keypoints. The
-// points of a model stand for the matches that made them, so that only matches
-// of new images need to be candidates.
+// Joins candidates with the points that observe one of their keypoints; other
+// points follow if `with_others`. The points of a model stand for the matches
+// that made them, so that only matches of new images need to be candidates.
 [[nodiscard]] ObservationGroups JoinPoints(const Scene& scene,
                                            const ObservationGroups& candidates,
-                                           const std::vector<Point3D>& points);
+                                           const std::vector<Point3D>& points,
+                                           bool with_others);
 
 // Tracks for averaging, before poses are known that could identify wrong
 // matches. They are established like candidates, but from triplet-consistent

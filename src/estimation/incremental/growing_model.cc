@@ -82,6 +82,12 @@ void GrowingModel::SetSensor(int sensor_idx, const Rigid3& sensor_from_rig) {
 }
 
 void GrowingModel::SetPoses(const Reconstruction& poses) {
+  for (size_t i = 0; i < model_.cameras.size(); ++i) {
+    if (poses.cameras[i].params == model_.cameras[i].params) continue;
+    own_bearings_ = ComputeBearings(input_.scene, poses.cameras,
+                                    input_.context.num_threads);
+    break;
+  }
   model_.cameras = poses.cameras;
   model_.sensor_from_rig = poses.sensor_from_rig;
   model_.rig_from_world = poses.rig_from_world;
@@ -91,6 +97,13 @@ void GrowingModel::SetPoses(const Reconstruction& poses) {
 void GrowingModel::MoveTo(const Reconstruction& moved) {
   SetPoses(moved);
   TriangulateAll();
+}
+
+void GrowingModel::StartFrom(const Reconstruction& existing) {
+  MoveTo(existing);
+  for (const auto& pose : model_.rig_from_world)
+    num_frames_ += pose.has_value();
+  UpdateFilter();
 }
 
 // ------------------------------------------------------------ visible points
@@ -282,7 +295,7 @@ void GrowingModel::AdjustAround(int frame_idx) {
   const std::vector<int> track_idxs = TracksOf(frame_idxs);
   FixedPoses fixed{Mask(model_.rig_from_world.size(), true),
                    Mask(model_.sensor_from_rig.size(), true)};
-  for (const int i : frame_idxs) fixed.frames[i] = false;
+  for (const int i : frame_idxs) fixed.frames[i] = input_.IsHeld(i);
   BundleAdjustmentOptions options =
       GrowthOptions(input_.options.bundle_adjustment, loss_scale_px_);
   options.HoldIntrinsics();
@@ -310,22 +323,13 @@ void GrowingModel::AdjustAll() {
   if (start.points.empty()) return;
   const BundleAdjustmentOptions options =
       GrowthOptions(input_.options.bundle_adjustment, loss_scale_px_);
-  const Reconstruction adjusted =
-      AdjustBundle(input_.scene, start, options, input_.context).estimate;
-  bool has_new_cameras = false;
-  for (size_t i = 0; i < model_.cameras.size(); ++i) {
-    if (adjusted.cameras[i].params != model_.cameras[i].params) {
-      has_new_cameras = true;
-    }
-  }
+  const Reconstruction adjusted = AdjustBundle(input_.scene, start, options,
+                                               input_.context, {}, input_.held)
+                                      .estimate;
   size_t next = 0;
   for (Point3D& point : points_) {
     if (point.track.empty()) continue;
     point.point_in_world = adjusted.points[next++].point_in_world;
-  }
-  if (has_new_cameras) {
-    own_bearings_ = ComputeBearings(input_.scene, adjusted.cameras,
-                                    input_.context.num_threads);
   }
   SetPoses(adjusted);
   UpdateFilter();
@@ -341,7 +345,7 @@ void GrowingModel::DropFramesWithFewPoints() {
   }
   for (size_t i = 0; i < num_of_frame.size(); ++i) {
     const int frame_idx = static_cast<int>(i);
-    if (!HasFrame(frame_idx) ||
+    if (!HasFrame(frame_idx) || input_.IsHeld(frame_idx) ||
         num_of_frame[i] >=
             input_.options.bundle_adjustment.min_num_observations_per_frame) {
       continue;

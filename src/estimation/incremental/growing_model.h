@@ -22,6 +22,11 @@ struct GrowthInput : IncrementalInput {
   const Context& context;
   const ObservationGroups& tracks;
   std::vector<std::vector<TrackKeypoint>> keypoints;  // per image
+  FixedPoses held = {};
+
+  bool IsHeld(int frame_idx) const {
+    return !held.frames.empty() && held.frames[frame_idx];
+  }
 };
 
 // A model that grows by frames, with at most one point per track.
@@ -82,11 +87,14 @@ class GrowingModel {
   void DropFramesWithFewPoints();
   // Replaces all poses, and triangulates all tracks.
   void MoveTo(const Reconstruction& moved);
+  // The same for poses and cameras of another model.
+  void StartFrom(const Reconstruction& existing);
 
   Reconstruction WithPoints() const;
 
  private:
   void UpdateViews(const std::vector<int>& frame_idxs);
+  // The poses and cameras.
   void SetPoses(const Reconstruction& poses);
   void UpdateFilter();
   void TriangulateAll();

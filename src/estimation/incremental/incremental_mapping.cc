@@ -53,6 +53,12 @@ class Growth {
     } while (GrowUntilStuck());
   }
 
+  // The same for a model that is adjusted.
+  void Continue() {
+    num_adjusted_frames_ = model_.num_frames();
+    while (GrowUntilStuck()) AdjustEverything();
+  }
+
   // The frames that the model lacks, with the points that they see.
   std::vector<ResectedFrame> ListRejected() const {
     std::vector<ResectedFrame> rejected;
@@ -158,7 +164,7 @@ class Growth {
     input_.context.ReportProgress("incremental mapping", model_.num_frames(),
                                   attempts_.size());
     FrameRegistration found = RegisterFrame(input_, model_, frame_idx);
-    if (found.loop && may_close_loop_) {
+    if (found.loop && may_close_loop_ && input_.held.frames.empty()) {
       // A loop that cannot be closed would show in the next frames, too.
       may_close_loop_ = CloseLoop(input_, frame_idx, found, &model_);
       if (may_close_loop_) {
@@ -176,6 +182,8 @@ class Growth {
     model_.SetFrame(frame_idx, found.rig_from_world);
     model_.Triangulate({frame_idx});
     model_.AdjustAround(frame_idx);
+    result_.added.push_back(
+        {frame_idx, true, 0, found.num_keypoints, found.num_inliers});
     return true;
   }
 
@@ -291,6 +299,39 @@ IncrementalResult MapIncrementally(
   EraseIf(&rejected, [&](const ResectedFrame& frame) {
     return frame_is_taken[frame.frame_idx];
   });
+  return result;
+}
+
+IncrementalResult GrowModel(
+    const IncrementalInput& input, const ExistingModel& existing,
+    const IncrementalOptions& options, const Context& context,
+    const std::function<void(const Reconstruction&)>& observer) {
+  const auto& [start, held] = existing;
+  IncrementalResult result;
+  const TrackResult tracks = EstablishGrowthTracks(input, options, context);
+  result.summary.tracks = tracks.summary;
+  const ObservationGroups joined =
+      JoinPoints(input.scene, tracks.estimate, start.points,
+                 /*with_others=*/true);
+  const GrowthInput growth_input{
+      input, options, context, joined, KeypointsOf(input.scene, joined), held};
+  Reconstruction poses = start;
+  poses.sensor_from_rig = KnownSensors(input.scene);
+  for (size_t i = 0; i < poses.sensor_from_rig.size(); ++i) {
+    if (start.sensor_from_rig[i]) {
+      poses.sensor_from_rig[i] = start.sensor_from_rig[i];
+    }
+  }
+  GrowingModel model(growth_input, poses.sensor_from_rig);
+  model.StartFrom(poses);
+  const Mask no_frames(input.scene.frames.size());
+  Growth growth(growth_input, observer, no_frames, &model, &result);
+  growth.Continue();
+  result.rejected = growth.ListRejected();
+  EraseIf(&result.added, [&](const ResectedFrame& frame) {
+    return !model.HasFrame(frame.frame_idx);
+  });
+  result.estimate.push_back(model.WithPoints());
   return result;
 }
 

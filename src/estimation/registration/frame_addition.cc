@@ -6,95 +6,9 @@
 
 #include "base/ranges.h"
 #include "math/statistics.h"
-#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
-
-// The fixed input of all passes.
-struct PassInput : FrameAdditionInput {
-  const CandidateSource& candidates;
-  const ResectionOptions& resection;
-  const BundleAdjustmentOptions& options;
-  const Context& context;
-};
-
-// Indices of the points that frames of the mask observe.
-std::vector<size_t> PointsSeenBy(const Mask& frame_is_new, const Scene& scene,
-                                 const Reconstruction& model) {
-  std::vector<size_t> point_idxs;
-  for (size_t i = 0; i < model.points.size(); ++i) {
-    const std::vector<Observation>& track = model.points[i].track;
-    if (AnyOf(track, [&](const Observation& o) {
-          return frame_is_new[scene.images[o.image_idx].frame_idx];
-        })) {
-      point_idxs.push_back(i);
-    }
-  }
-  return point_idxs;
-}
-
-// Refines the new frames and their points. All other frames, the sensors of the
-// existing model and all intrinsics are fixed.
-void RefineNewFrames(const PassInput& input, const Mask& frame_is_new,
-                     Reconstruction* model) {
-  FixedPoses fixed;
-  for (const bool is_new : frame_is_new) fixed.frames.push_back(!is_new);
-  for (const auto& pose : input.start.sensor_from_rig) {
-    fixed.sensors.push_back(pose.has_value());
-  }
-  BundleAdjustmentOptions options = input.options;
-  options.HoldIntrinsics();
-
-  const std::vector<size_t> point_idxs =
-      PointsSeenBy(frame_is_new, input.scene, *model);
-  if (point_idxs.empty()) return;
-  Reconstruction seen{model->cameras,
-                      model->sensor_from_rig,
-                      model->rig_from_world,
-                      model->motions,
-                      {}};
-  for (const size_t i : point_idxs) seen.points.push_back(model->points[i]);
-  const BundleResult result =
-      AdjustBundle(input.scene, seen, options, input.context, {}, fixed);
-  model->sensor_from_rig = result.estimate.sensor_from_rig;
-  model->rig_from_world = result.estimate.rig_from_world;
-  for (size_t k = 0; k < point_idxs.size(); ++k) {
-    model->points[point_idxs[k]] = result.estimate.points[k];
-  }
-}
-
-// Resects the frames without a pose. Returns the mask of added frames, or
-// nullopt if neither a frame nor a sensor was added.
-std::optional<Mask> AddPass(const PassInput& input, ExtendedModel* extended) {
-  const ResectionResult result =
-      ResectFrames(input.scene, input.bearings, input.view_graph,
-                   extended->model, input.resection, input.context);
-  ExtensionSummary& summary = extended->summary;
-  const int pass = summary.num_passes + 1;
-  Mask frame_is_new(input.scene.frames.size());
-  extended->rejected.clear();
-  for (const ResectedFrame& frame : result.frames) {
-    if (!frame.is_added) {
-      extended->rejected.push_back(frame);
-      continue;
-    }
-    frame_is_new[frame.frame_idx] = true;
-    summary.added_frames.push_back({pass, frame});
-  }
-  const size_t num_added = frame_is_new.Count();
-  if (num_added == 0 && result.sensors.empty()) return std::nullopt;
-  summary.num_passes = pass;
-  summary.placed_sensors.insert(summary.placed_sensors.end(),
-                                result.sensors.begin(), result.sensors.end());
-  input.context.Info("pass " + std::to_string(pass) + ": " +
-                     std::to_string(num_added) + " frames added, " +
-                     std::to_string(extended->rejected.size()) + " left");
-  extended->model =
-      TriangulateCandidates(input.scene, input.candidates, result.estimate,
-                            input.options, input.context);
-  return frame_is_new;
-}
 
 bool HasNewKnownRig(const Scene& scene, const Reconstruction& start) {
   return AnyOf(scene.sensors, [&](const Sensor& sensor) {
@@ -104,20 +18,6 @@ bool HasNewKnownRig(const Scene& scene, const Reconstruction& start) {
 }
 
 }  // namespace
-
-ExtendedModel AddFrames(
-    const FrameAdditionInput& input, const CandidateSource& candidates,
-    const ResectionOptions& resection, const BundleAdjustmentOptions& options,
-    const Context& context,
-    const std::function<void(const Reconstruction&)>& observer) {
-  const PassInput pass{input, candidates, resection, options, context};
-  ExtendedModel extended{input.start, {}, {}};
-  while (const std::optional<Mask> frame_is_new = AddPass(pass, &extended)) {
-    RefineNewFrames(pass, *frame_is_new, &extended.model);
-    if (observer) observer(extended.model);
-  }
-  return extended;
-}
 
 bool HasKnownLength(const Sensor& sensor) {
   return sensor.sensor_from_rig &&

@@ -325,7 +325,8 @@ ObservationGroups EstablishCandidates(const Scene& scene,
 
 ObservationGroups JoinPoints(const Scene& scene,
                              const ObservationGroups& candidates,
-                             const std::vector<Point3D>& points) {
+                             const std::vector<Point3D>& points,
+                             bool with_others) {
   const KeypointNodes nodes(scene);
   constexpr int kNoPoint = -1;
   std::vector<int> point_of_node(nodes.size(), kNoPoint);
@@ -348,9 +349,10 @@ ObservationGroups JoinPoints(const Scene& scene,
         for (size_t i = 0; i < sets.size(); ++i) add(sets.Find(i), i);
       });
   ObservationGroups joined;
-  for (size_t g = 0; g < candidates.size(); ++g) {
-    const size_t set = sets.Find(g);
-    if (*members.begin(set) != g) continue;
+  const size_t num_firsts = with_others ? sets.size() : candidates.size();
+  for (size_t first = 0; first < num_firsts; ++first) {
+    const size_t set = sets.Find(first);
+    if (*members.begin(set) != first) continue;
     std::vector<Observation> observations;
     for (const size_t* i = members.begin(set); i != members.end(set); ++i) {
       if (*i < candidates.size()) {

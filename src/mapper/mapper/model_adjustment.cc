@@ -56,7 +56,8 @@ CandidateSource CandidatesOf(const AdjustmentInput& input, const Scene& scene,
   return {[&scene, groups = std::move(source.groups)](
               const Reconstruction& model, double max_error_px) {
             return std::make_shared<const ObservationGroups>(
-                JoinPoints(scene, *groups(model, max_error_px), model.points));
+                JoinPoints(scene, *groups(model, max_error_px), model.points,
+                           /*with_others=*/false));
           },
           source.matches};
 }

@@ -11,6 +11,7 @@
 #include "mapper/stage.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "mgsfm/incremental/incremental_mapping.h"
 #include "mgsfm/mapper/mapper.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "registration/frame_addition.h"
@@ -95,21 +96,28 @@ void CheckExtensionOptions(const MapperOptions& options,
   }
 }
 
-// Drops the pairs that the rules on rotations and moving objects reject.
-void DropRejectedPairs(const MapperRunInput& run, VerifiedPairs* pairs,
-                       MapperResult* result) {
-  const FramePairIndex index(run.scene, pairs->view_graph,
-                             run.options.pair_filtering.is_sequence);
-  const JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
-  const PairVerdicts& verdicts = judged.rotations.verdicts;
-  result->rejected_pairs =
-      CountRejections(verdicts, pairs->num_of_fixed_regions);
-  const Mask is_usable = UsablePairs(verdicts);
-  std::vector<ImagePair> usable;
-  for (size_t i = 0; i < is_usable.size(); ++i) {
-    if (is_usable[i]) usable.push_back(std::move(pairs->view_graph.pairs[i]));
+// Grows the model. Its points are those of the start and of the new tracks.
+IncrementalResult Grow(const MapperRunInput& run, const Bearings& bearings,
+                       const AdjustmentInput& input,
+                       const MapperOptions& options, const Context& context) {
+  IncrementalResult grown =
+      GrowModel({input.scene, bearings, input.view_graph, input.pair_is_used},
+                {*input.start, input.held},
+                {options.extension.resection, options.bundle_adjustment,
+                 options.tracks, options.match_selection},
+                context, run.input.observer);
+  Reconstruction& model = grown.estimate.front();
+  if (!input.keeps_points) return grown;
+  if (input.held.frames.empty()) {
+    TransformWorld(
+        AlignToModel(input.scene, *input.start, model, input.is_metric),
+        &model);
   }
-  pairs->view_graph.pairs = std::move(usable);
+  model.points = input.start->points;
+  model = TriangulateCandidates(
+      input.scene, CandidatesOf(input, input.scene, options, context),
+      std::move(model), options.bundle_adjustment, context);
+  return grown;
 }
 
 }  // namespace
@@ -181,9 +189,14 @@ void ExtendModel(const MapperRunInput& run, bool keeps_points,
                  VerifiedPairs* verified, MapperResult* result) {
   const Context& context = run.context;
   const Reconstruction& existing = *run.input.existing_model;
-  DropRejectedPairs(run, verified, result);
+  const FramePairIndex index(run.scene, verified->view_graph,
+                             run.options.pair_filtering.is_sequence);
+  const PairVerdicts verdicts =
+      JudgePairs(run, index, verified, &result->times).rotations.verdicts;
   const VerifiedPairs& pairs = *verified;
   const ViewGraph& view_graph = pairs.view_graph;
+  result->rejected_pairs =
+      CountRejections(verdicts, pairs.num_of_fixed_regions);
   CheckExtensionOptions(run.options, run.input.position_priors);
   const bool are_fixed = run.options.extension.fix_existing_frames;
   const Reconstruction start =
@@ -198,27 +211,28 @@ void ExtendModel(const MapperRunInput& run, bool keeps_points,
   AdjustmentInput input{scene, view_graph,
                         keeps_points ? run.matches : view_graph,
                         run.input.position_priors, run.input.gravity_priors};
-  input.pair_is_used.assign(view_graph.pairs.size(), true);
+  input.pair_is_used = UsablePairs(verdicts);
   input.is_metric = IsMetric(scene, start);
   input.keeps_points = keeps_points;
   input.start = &start;
   input.observer = run.input.observer;
   if (are_fixed) input.held = FixAllOf(start);
-  const RunningStage stage("resection", context);
-  ExtendedModel extended = AddFrames(
-      {scene, pairs.bearings, view_graph, start},
-      CandidatesOf(input, scene, options, context), options.extension.resection,
-      options.bundle_adjustment, stage.context(), input.observer);
+  const RunningStage stage("incremental mapping", context);
+  IncrementalResult grown =
+      Grow(run, pairs.bearings, input, options, stage.context());
   stage.Finish(&model.times);
-  model.extension = std::move(extended.summary);
+  model.extension.emplace();
+  model.extension->added_frames = std::move(grown.added);
+  model.extension->placed_sensors = std::move(grown.summary.placed_sensors);
   model.extension->frames_are_fixed = are_fixed;
   model.extension->num_existing_frames =
       static_cast<int>(FramesWith(start.rig_from_world).Count());
   model.num_frames_in_component = static_cast<int>(scene.frames.size());
-  AdjustModel(input, options, context, std::move(extended.model), &model);
+  AdjustModel(input, options, context, std::move(grown.estimate.front()),
+              &model);
   DescribeSensors(scene, start, model.extension->placed_sensors, &model,
                   result);
-  ListFramesNotAdded(scene, extended.rejected, options, context, model, result);
+  ListFramesNotAdded(scene, grown.rejected, options, context, model, result);
   WarnOfSensors(scene, model.reconstruction, context);
   if (!model.reconstruction.points.empty()) {
     result->models.push_back(std::move(model));
