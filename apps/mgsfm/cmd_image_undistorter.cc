@@ -85,9 +85,16 @@ struct ImageUndistorterOptions {
 };
 
 const char* ModelFolder(UndistortionLayout layout) {
-  return layout == UndistortionLayout::kGaussianSplatting ? "sparse/0"
-         : layout == UndistortionLayout::kNerfstudio      ? "colmap/sparse/0"
-                                                          : "sparse";
+  switch (layout) {
+    case UndistortionLayout::kGaussianSplatting:
+      return "sparse/0";
+    case UndistortionLayout::kNerfstudio:
+      return "colmap/sparse/0";
+    case UndistortionLayout::kColmap:
+    case UndistortionLayout::kMvs:
+      break;
+  }
+  return "sparse";
 }
 
 // Trainers drop the folders of cameras where they scale images or find masks.

@@ -199,7 +199,8 @@ int Dispatch(std::vector<std::string> arguments, const std::string& commit) {
 }
 
 int PrintError(const std::string& message, ExitCode exit_code) {
-  std::fprintf(stderr, "%s %s\n", Colored(Color::kRed, "mgsfm:").c_str(),
+  std::fprintf(stderr, "%s %s\n",
+               Colored(TerminalColor::kRed, "mgsfm:").c_str(),
                Printable(message).c_str());
   return exit_code;
 }

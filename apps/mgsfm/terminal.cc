@@ -38,7 +38,7 @@ bool ErrorStreamIsTerminal() {
 
 }  // namespace
 
-std::string Colored(Color color, const std::string& text) {
+std::string Colored(TerminalColor color, const std::string& text) {
   if (!ErrorStreamIsTerminal() || !Variable("NO_COLOR").empty()) return text;
   return "\033[" + std::to_string(static_cast<int>(color)) + "m" + text +
          "\033[0m";
@@ -192,8 +192,8 @@ std::string FitToTerminal(std::string line) {
 std::string NameOf(LogLevel level) {
   std::string name(EnumName(level));
   name.resize(7, ' ');
-  if (level == LogLevel::kError) return Colored(Color::kRed, name);
-  if (level == LogLevel::kWarning) return Colored(Color::kYellow, name);
+  if (level == LogLevel::kError) return Colored(TerminalColor::kRed, name);
+  if (level == LogLevel::kWarning) return Colored(TerminalColor::kYellow, name);
   return name;
 }
 

@@ -8,11 +8,11 @@
 
 namespace mgsfm {
 
-enum class Color { kRed = 31, kYellow = 33 };
+enum class TerminalColor { kRed = 31, kYellow = 33 };
 
 // The text for the standard error stream: colored on a terminal, unless the
 // variable NO_COLOR is set (no-color.org).
-std::string Colored(Color color, const std::string& text);
+std::string Colored(TerminalColor color, const std::string& text);
 
 // Turns SIGINT, SIGTERM and SIGHUP into requests to stop cleanly, which
 // Context::is_canceled reports. Signals that the caller ignores remain ignored

@@ -7,6 +7,7 @@
 
 #include "cli/program_runs.h"
 #include "commands.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/models/model_io.h"
 
 namespace mgsfm {
@@ -118,9 +119,11 @@ class OptionExtremes : public testing::Test {
 
 Command CommandOf(const std::string& name) {
   const std::vector<Command> all = AllCommands();
-  return *std::find_if(all.begin(), all.end(), [&](const Command& command) {
-    return command.name == name;
-  });
+  const auto found = std::find_if(
+      all.begin(), all.end(),
+      [&](const Command& command) { return command.name == name; });
+  MGSFM_CHECK_MSG(found != all.end(), "no command '" + name + "'");
+  return *found;
 }
 
 TEST_F(OptionExtremes, Mapper) {

@@ -6,8 +6,8 @@
 
 namespace mgsfm {
 
-// A matrix over the six coordinates of a pose update: three for the rotation
-// (rad), then three for the translation.
+// A matrix and a vector over the six coordinates of a pose update: three for
+// the rotation (rad), then three for the translation.
 using PoseMatrix = Eigen::Matrix<double, 6, 6>;
 using PoseVector = Eigen::Matrix<double, 6, 1>;
 

@@ -227,19 +227,21 @@ std::string ReadModel(const TransformsFrame& frame) {
 
 // Appends the distortion of perspective images to fx, fy, cx, cy.
 void SetDistortion(const TransformsFrame& frame, Camera* camera) {
-  std::vector<double> k;
+  std::vector<double> coefficients;
   for (const char* name : {"k1", "k2", "k3", "k4", "p1", "p2"}) {
-    k.push_back(frame.Number(name, 0.0));
+    coefficients.push_back(frame.Number(name, 0.0));
   }
-  if (k[3] != 0.0) {
+  const auto& c = coefficients;
+  const double k1 = c[0], k2 = c[1], k3 = c[2], k4 = c[3];
+  if (k4 != 0.0) {
     frame.Throw("COLMAP has no camera model with a fourth radial coefficient");
   }
-  if (AllOf(k, [](double value) { return value == 0.0; })) return;
+  if (AllOf(coefficients, [](double value) { return value == 0.0; })) return;
   camera->model =
-      k[2] != 0.0 ? CameraModelId::kFullOpenCV : CameraModelId::kOpenCV;
+      k3 != 0.0 ? CameraModelId::kFullOpenCV : CameraModelId::kOpenCV;
   std::vector<double>& params = camera->params;
-  params.insert(params.end(), {k[0], k[1], k[4], k[5]});
-  if (k[2] != 0.0) params.insert(params.end(), {k[2], 0.0, 0.0, 0.0});
+  params.insert(params.end(), {k1, k2, c[4], c[5]});
+  if (k3 != 0.0) params.insert(params.end(), {k3, 0.0, 0.0, 0.0});
 }
 
 Camera ReadCamera(const TransformsFrame& frame, const Eigen::Vector2i& size) {

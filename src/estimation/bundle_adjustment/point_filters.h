@@ -43,6 +43,9 @@ ImageView MakeImageView(const Scene& scene,
 // Per image of the scene.
 std::vector<ImageView> MakeImageViews(const Scene& scene,
                                       const Reconstruction& reconstruction);
+
+// The error of one observation, in pixels; infinite if the camera does not see
+// the point. `views` are those of MakeImageViews().
 double ReprojectionError(const Scene& scene,
                          const std::vector<ImageView>& views,
                          const Observation& o, const Eigen::Vector3d& point);

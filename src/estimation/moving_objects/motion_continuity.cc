@@ -160,10 +160,6 @@ void DivideLongMotions(const std::vector<double>& durations,
   }
 }
 
-using Eigen::Matrix3d;
-using Eigen::Vector3d;
-using ChosenMotions = std::vector<std::optional<ChosenMotion>>;
-
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
 // A step is ambiguous if the odds of another motion exceed 1 in 20.

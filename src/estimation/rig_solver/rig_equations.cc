@@ -62,7 +62,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-double ResidualOf(const LinearTerm& term, const RigState& state) {
+double TermResidual(const LinearTerm& term, const RigState& state) {
   double sum = -term.value;
   for (const LinearTerm::Part& part : term.parts) {
     sum += part.coefficients.dot(part.is_frame
@@ -72,8 +72,8 @@ double ResidualOf(const LinearTerm& term, const RigState& state) {
   return term.weight * sum;
 }
 
-double ResidualOf(const RigProblemBase::ParameterPrior& prior,
-                  const RigState& state) {
+double PriorResidual(const RigProblemBase::ParameterPrior& prior,
+                     const RigState& state) {
   return (state.cameras[prior.camera][prior.param] - prior.value) / prior.sigma;
 }
 
@@ -127,11 +127,11 @@ void AddProduct(const RigStructure& s, const PartColumns& a,
 double CostOfLinearTerms(const RigProblemBase& problem, const RigState& state) {
   double cost = 0.0;
   for (const LinearTerm& term : problem.linear_terms) {
-    const double r = ResidualOf(term, state);
+    const double r = TermResidual(term, state);
     cost += 0.5 * r * r;
   }
   for (const RigProblemBase::ParameterPrior& prior : problem.priors) {
-    const double r = ResidualOf(prior, state);
+    const double r = PriorResidual(prior, state);
     cost += 0.5 * r * r;
   }
   return cost;
@@ -144,7 +144,7 @@ void AddLinearTerms(const RigProblemBase& problem, const RigStructure& s,
                     const RigState& state, Eigen::VectorXd* gradient,
                     Eigen::VectorXd* diagonal, double* matrix) {
   for (const LinearTerm& term : problem.linear_terms) {
-    const double r = ResidualOf(term, state);
+    const double r = TermResidual(term, state);
     for (const LinearTerm::Part& part : term.parts) {
       const PartColumns a = ColumnsOf(problem, s, term, part);
       if (a.block == kNoBlock) continue;
@@ -161,7 +161,7 @@ void AddLinearTerms(const RigProblemBase& problem, const RigStructure& s,
     if (!unknown) continue;
     const int i = *unknown;
     const double weight = 1.0 / (prior.sigma * prior.sigma);
-    (*gradient)[i] += ResidualOf(prior, state) / prior.sigma;
+    (*gradient)[i] += PriorResidual(prior, state) / prior.sigma;
     (*diagonal)[i] += weight;
     const int block = s.camera_block[prior.camera];
     const int rank = s.block_rank[block];

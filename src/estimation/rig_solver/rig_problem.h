@@ -22,8 +22,8 @@ namespace mgsfm {
 //   frame (R, c):   R <- Exp(w) R,  c <- c + d    (c: center in the world)
 //   sensor (S, t):  S <- Exp(w) S,  t <- t + d
 // With the center as coordinate, rotating a frame does not move it, however far
-// it is from the origin.
-
+// it is from the origin. A PoseVector holds a change.
+//
 // 1 for free coordinates, 0 for constant ones.
 using PoseMask = PoseVector;
 

@@ -329,8 +329,6 @@ SensorRotations EstimateSensorRotations(
   return std::move(sensors.result);
 }
 
-using Eigen::Quaterniond;
-
 // The arguments of AverageRotations().
 struct Input : RotationAveragingInput {
   const RotationAveragingOptions& options;

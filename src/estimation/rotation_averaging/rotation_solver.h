@@ -78,11 +78,11 @@ SolveSummary AverageL1(const RotationProblem& problem,
                        const Context& context, RotationState* state);
 
 // Minimizes sum w rho(|e|^2) / 2 over nodes and free sensors by re-weighted
-// Gauss-Newton steps (rotation_equations.h), with gravity terms weighted as in
-// gravity.h. Stops when all rotations change by at most step_tolerance_deg at
-// the final scale, or after max_num_iterations. Both costs in the summary are
-// those of the edges at the final scale. After a failure, the state is the
-// result of the last successful step.
+// Gauss-Newton steps (rotation_equations.h), with gravity terms weighted by
+// GravityWeighting. Stops when all rotations change by at most
+// step_tolerance_deg at the final scale, or after max_num_iterations. Both
+// costs in the summary are those of the edges at the final scale. After a
+// failure, the state is the result of the last successful step.
 SolveSummary AverageRobust(const RotationProblem& problem,
                            const RotationAveragingOptions& options,
                            const Context& context, RotationState* state);

@@ -103,9 +103,6 @@ std::vector<DeviationSigma> UpdateSigmas(
 // The prior variances of a deviation.
 PoseVector PriorVariances(const DeviationSigma& sigma);
 
-// The derivative of the expected pose of an image with respect to a change of
-// the pose of its sensor.
-
 // The normal equations of the extrinsics of a rig. Unknowns: 6 per sensor, in
 // the order of the sensors of the rig ("slots").
 class CalibrationEquations {

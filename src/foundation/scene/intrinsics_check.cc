@@ -39,7 +39,7 @@ std::string SizeText(const Camera& camera) {
   return SizeText(camera.width_px, camera.height_px);
 }
 
-std::string HasPrincipalPoint(double x, double y) {
+std::string PrincipalPointText(double x, double y) {
   return "has its principal point (" + Text(x) + ", " + Text(y) + ") ";
 }
 
@@ -80,14 +80,14 @@ std::optional<std::string> WhyBadPrincipalPoint(const Camera& camera) {
   const bool is_fraction =
       x <= 1.0 && y <= 1.0 && std::min(camera.width_px, camera.height_px) > 2;
   if (is_fraction && x > 0.0 && y > 0.0) {
-    return HasPrincipalPoint(x, y) +
+    return PrincipalPointText(x, y) +
            "in the corner, which is in pixels, not in fractions of " +
            SizeText(camera);
   }
   if (x >= 0.0 && x <= camera.width_px && y >= 0.0 && y <= camera.height_px) {
     return std::nullopt;
   }
-  return HasPrincipalPoint(x, y) + "outside of the image of " +
+  return PrincipalPointText(x, y) + "outside of the image of " +
          SizeText(camera);
 }
 
@@ -149,7 +149,7 @@ std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
       std::max(scale, 1.0 / scale) < kMinScaleOfOtherSize) {
     return std::nullopt;
   }
-  return HasPrincipalPoint(0.5 * width, 0.5 * height) +
+  return PrincipalPointText(0.5 * width, 0.5 * height) +
          "far from the center of " + SizeText(camera) +
          ", as intrinsics for images of about " +
          SizeText(std::round(width), std::round(height)) + " have";

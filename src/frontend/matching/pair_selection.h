@@ -94,14 +94,14 @@ ImagePairList SpatialPairs(
     const std::vector<std::optional<Eigen::Vector3d>>& position_of_image,
     const SpatialMatchingOptions& options, const Context& context);
 
+// All pairs of images of two blocks, which may be the same.
+ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2);
+
 // The pairs that the functions of matching.h match, without matching them. They
 // depend on features, positions, names and options only, so that processes that
 // match one share each agree on them.
 
 ImagePairList SelectExhaustively(const Scene& scene);
-
-// All pairs of images of two blocks, which may be the same.
-ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2);
 
 // Matches the pairs of key frame selection and of probes (key_frames.h) in a
 // temporary file.

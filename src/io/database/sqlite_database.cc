@@ -356,13 +356,13 @@ TemporaryFolder::~TemporaryFolder() {
 
 SqliteSnapshot::FileState SqliteSnapshot::StateOf(const std::string& file) {
   struct stat status;
-  if (stat(file.c_str(), &status) != 0) return {-1, 0};
+  if (stat(file.c_str(), &status) != 0) return {-1, 0, 0};
 #ifdef __APPLE__
   const timespec& changed = status.st_mtimespec;
 #else
   const timespec& changed = status.st_mtim;
 #endif
-  return {status.st_size, changed.tv_sec * kNsPerSecond + changed.tv_nsec};
+  return {status.st_size, changed.tv_sec, changed.tv_nsec};
 }
 
 std::vector<SqliteSnapshot::FileState> SqliteSnapshot::States() const {
@@ -370,7 +370,7 @@ std::vector<SqliteSnapshot::FileState> SqliteSnapshot::States() const {
   for (const char* suffix : kSideFileSuffixes) {
     const FileState state = StateOf(path_ + suffix);
     // An empty side file counts as absent.
-    states.push_back(state.first > 0 ? state : FileState(-1, 0));
+    states.push_back(std::get<0>(state) > 0 ? state : FileState(-1, 0, 0));
   }
   return states;
 }
@@ -382,7 +382,9 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
   states_ = States();
   std::vector<std::string> side_files;
   for (const char* suffix : kSideFileSuffixes) {
-    if (StateOf(path_ + suffix).first > 0) side_files.emplace_back(suffix);
+    if (std::get<0>(StateOf(path_ + suffix)) > 0) {
+      side_files.emplace_back(suffix);
+    }
   }
   if (side_files.empty()) {
     CheckIsComplete(path_);
@@ -391,8 +393,8 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
     OpenCopy(side_files);
   }
   int64_t num_bytes = 0;
-  for (const auto& [size, time_ns] : states_) {
-    num_bytes += std::max<int64_t>(0, size);
+  for (const FileState& state : states_) {
+    num_bytes += std::max<int64_t>(0, std::get<0>(state));
   }
   database_->LimitWork(static_cast<uint64_t>(num_bytes));
 }

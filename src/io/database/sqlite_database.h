@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -81,6 +82,7 @@ class SqliteStatement {
                                                std::optional<BlobView>>) {
       BindBlob(parameter, value);
     } else {
+      static_assert(std::is_integral_v<std::decay_t<decltype(value.value())>>);
       BindOne(parameter, value.value());
     }
   }
@@ -189,9 +191,9 @@ class SqliteSnapshot {
   void CheckUnchanged() const;
 
  private:
-  // Size and time (ns) of the database and its side files; absent files have
+  // Size and time (s, ns) of the database and its side files; absent files have
   // the size -1.
-  using FileState = std::pair<int64_t, int64_t>;
+  using FileState = std::tuple<int64_t, int64_t, int64_t>;
   static FileState StateOf(const std::string& file);
   std::vector<FileState> States() const;
   [[noreturn]] void ThrowChanged() const;

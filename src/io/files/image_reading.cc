@@ -16,7 +16,6 @@
 #include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
-#include "files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -208,7 +208,7 @@ void CheckOrder(const std::filesystem::path& path, const Scene& scene,
   }
 }
 
-// The times of the first and the last image of a frame.
+// The times of the first and the last image of a frame, which has images.
 std::pair<double, double> TimesOf(const Scene& scene, const Frame& frame) {
   const auto [first, last] = std::minmax_element(
       frame.image_idxs.begin(), frame.image_idxs.end(), [&](int a, int b) {

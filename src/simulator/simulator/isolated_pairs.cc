@@ -30,7 +30,7 @@ class IsolatedPairMaker {
  public:
   IsolatedPairMaker(const Footage& footage, const PairMaker& maker,
                     const std::vector<PairPlan>& plans)
-      : r_(footage),
+      : footage_(footage),
         maker_(maker),
         plans_(plans),
         num_features_(Transformed(footage.photographs.features,
@@ -41,7 +41,8 @@ class IsolatedPairMaker {
       const auto plan = FindUnrelated(random);
       if (!plan) continue;
       const Rigid3 cam2_from_cam1 = RandomPose(*plan, random);
-      const size_t num_before = r_.photographs.features[plan->image2].size();
+      const size_t num_before =
+          footage_.photographs.features[plan->image2].size();
       std::vector<Match> matches = MakeMatches(*plan, cam2_from_cam1, random);
       auto made =
           maker_.Verify(plan->image1, plan->image2, PairKind::kIsolatedWrong,
@@ -63,9 +64,9 @@ class IsolatedPairMaker {
     const PairPlan plan{std::min(i, j), std::max(i, j)};
     if (i == j || made_.count({plan.image1, plan.image2}) > 0 ||
         std::binary_search(plans_.begin(), plans_.end(), plan) ||
-        NumCommonPoints(r_.photographs.features[i], r_.photographs.features[j],
-                        kClutter) >
-            kUnrelatedShare * r_.options.min_num_matches) {
+        NumCommonPoints(footage_.photographs.features[i],
+                        footage_.photographs.features[j], kClutter) >
+            kUnrelatedShare * footage_.options.min_num_matches) {
       return std::nullopt;
     }
     return plan;
@@ -84,7 +85,8 @@ class IsolatedPairMaker {
     const Rigid3 rig2_from_rig1 =
         Rigid3::FromRotationAndCenter(ExpSO3(turn), length_m * direction);
     const auto& sensor_from_rig = [this](int image) -> const Rigid3& {
-      return r_.rig[r_.photographs.exposures[image].camera].sensor_from_rig;
+      return footage_.rig[footage_.photographs.exposures[image].camera]
+          .sensor_from_rig;
     };
     return sensor_from_rig(plan.image2) * rig2_from_rig1 *
            sensor_from_rig(plan.image1).Inverse();
@@ -93,7 +95,7 @@ class IsolatedPairMaker {
   std::vector<Match> MakeMatches(const PairPlan& plan,
                                  const Rigid3& cam2_from_cam1, Random* random) {
     const size_t num_wanted =
-        std::max(*r_.options.min_num_matches,
+        std::max(*footage_.options.min_num_matches,
                  kMinNumMatches + static_cast<int>(random->Index(
                                       kMaxNumMatches - kMinNumMatches + 1)));
     const Rigid3 pose{cam2_from_cam1.rotation,
@@ -110,7 +112,7 @@ class IsolatedPairMaker {
       const bool is_new = random->Uniform() < 0.5;
       if (is_taken1[feature1] != 0) continue;
       const Eigen::Vector3d ray1 =
-          r_.photographs.features[plan.image1].rays[feature1];
+          footage_.photographs.features[plan.image1].rays[feature1];
       int feature2 =
           is_new ? -1 : FindFitting(plan, pose, ray1, is_taken2, random);
       if (feature2 >= 0) {
@@ -130,8 +132,10 @@ class IsolatedPairMaker {
                   const Eigen::Vector3d& ray1, const Mask& is_taken,
                   Random* random) const {
     const double max_error_rad = maker_.ErrorInRadians(
-        plan.image1, plan.image2, kMaxError_sigma * r_.options.pixel_noise_px);
-    const SimulatedFeatures& features2 = r_.photographs.features[plan.image2];
+        plan.image1, plan.image2,
+        kMaxError_sigma * footage_.options.pixel_noise_px);
+    const SimulatedFeatures& features2 =
+        footage_.photographs.features[plan.image2];
     std::vector<int> fitting;
     for (size_t i = 0; i < is_taken.size(); ++i) {
       const Eigen::Vector3d& ray2 = features2.rays[i];
@@ -148,30 +152,31 @@ class IsolatedPairMaker {
   // Returns -1 if the point is outside the image.
   int AddFitting(const PairPlan& plan, const Eigen::Vector3d& point_in_cam2,
                  Random* random) {
-    const int camera_number = r_.photographs.exposures[plan.image2].camera;
-    const SimulatedCamera& camera = r_.rig[camera_number];
+    const int camera_number =
+        footage_.photographs.exposures[plan.image2].camera;
+    const SimulatedCamera& camera = footage_.rig[camera_number];
     const auto pixel = ProjectToPixel(camera, point_in_cam2);
-    const double noise_x = r_.options.pixel_noise_px * random->Normal();
-    const double noise_y = r_.options.pixel_noise_px * random->Normal();
+    const double noise_x = footage_.options.pixel_noise_px * random->Normal();
+    const double noise_y = footage_.options.pixel_noise_px * random->Normal();
     if (!pixel || pixel->x() < 0 || pixel->y() < 0 ||
         pixel->x() >= camera.width_px || pixel->y() >= camera.height_px) {
       return -1;
     }
-    SimulatedFeatures& features2 = r_.photographs.features[plan.image2];
-    const bool is_seen = r_.detector.Append(
+    SimulatedFeatures& features2 = footage_.photographs.features[plan.image2];
+    const bool is_seen = footage_.detector.Append(
         camera_number, kClutter, *pixel + Eigen::Vector2d(noise_x, noise_y),
         &features2);
     return is_seen ? static_cast<int>(features2.size()) - 1 : -1;
   }
 
   void RemoveNew(int image, size_t num_before) {
-    SimulatedFeatures& features = r_.photographs.features[image];
+    SimulatedFeatures& features = footage_.photographs.features[image];
     features.identities.resize(num_before);
     features.keypoints_px.resize(num_before);
     features.rays.resize(num_before);
   }
 
-  const Footage& r_;
+  const Footage& footage_;
   const PairMaker& maker_;
   const std::vector<PairPlan>& plans_;
   std::vector<size_t> num_features_;  // per image, without those added here

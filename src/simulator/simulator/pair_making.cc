@@ -140,19 +140,21 @@ const Eigen::Vector3d& Ray2(const Photographs& photographs, int image,
 
 std::optional<MadePair> PairMaker::Make(const PairPlan& plan) const {
   std::vector<Match> matches =
-      Correspondences(plan, r_.world, weak_cuts_, r_.photographs);
-  if (static_cast<int>(matches.size()) < r_.options.min_num_matches) {
+      Correspondences(plan, footage_.world, weak_cuts_, footage_.photographs);
+  if (static_cast<int>(matches.size()) < footage_.options.min_num_matches) {
     return std::nullopt;
   }
   const bool is_duplicate = plan.duplicate >= 0;
   Random random = RandomOfPair(Effect::kRandomPairs, plan.image1, plan.image2);
-  if (!is_duplicate && random.Uniform() < r_.options.wrong_pair_ratio) {
+  if (!is_duplicate && random.Uniform() < footage_.options.wrong_pair_ratio) {
     return MakeRandomPair(plan, std::move(matches));
   }
-  const Rigid3 cam2_from_cam1 = PoseOfMatches(plan, r_.world, r_.photographs);
-  AddMismatches(
-      r_.options.mismatch_ratio, r_.photographs.features[plan.image2].size(),
-      RandomOfPair(Effect::kMismatches, plan.image1, plan.image2), &matches);
+  const Rigid3 cam2_from_cam1 =
+      PoseOfMatches(plan, footage_.world, footage_.photographs);
+  AddMismatches(footage_.options.mismatch_ratio,
+                footage_.photographs.features[plan.image2].size(),
+                RandomOfPair(Effect::kMismatches, plan.image1, plan.image2),
+                &matches);
   MoveAlongEpipolarLines(plan, cam2_from_cam1, &matches);
   return Verify(plan.image1, plan.image2,
                 is_duplicate ? PairKind::kDuplicatedStructure : PairKind::kTrue,
@@ -163,14 +165,15 @@ std::optional<MadePair> PairMaker::Verify(
     int image1, int image2, PairKind kind, const Rigid3& cam2_from_cam1,
     const std::vector<Match>& raw_matches) const {
   Hypothesis best{kind, WithUnitBaseline(cam2_from_cam1), raw_matches};
-  if (r_.options.max_verification_error_px > 0.0) {
+  if (footage_.options.max_verification_error_px > 0.0) {
     best.inliers = Inliers(best.cam2_from_cam1, image1, image2, raw_matches);
     auto of_vehicle = MotionOfVehicle(image1, image2, raw_matches);
     if (of_vehicle && of_vehicle->inliers.size() > best.inliers.size()) {
       best = std::move(*of_vehicle);
     }
   }
-  if (static_cast<int>(best.inliers.size()) < r_.options.min_num_matches) {
+  if (static_cast<int>(best.inliers.size()) <
+      footage_.options.min_num_matches) {
     return std::nullopt;
   }
   MadePair made = Finish(image1, image2, std::move(best));
@@ -179,15 +182,15 @@ std::optional<MadePair> PairMaker::Verify(
 }
 
 Random PairMaker::RandomOfPair(Effect effect, int image1, int image2) const {
-  return RandomOf(r_.options.random_seed, effect,
-                  r_.photographs.exposures[image1].Key() << 32 |
-                      r_.photographs.exposures[image2].Key());
+  return RandomOf(footage_.options.random_seed, effect,
+                  footage_.photographs.exposures[image1].Key() << 32 |
+                      footage_.photographs.exposures[image2].Key());
 }
 
 void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
                                        const Rigid3& cam2_from_cam1,
                                        std::vector<Match>* matches) const {
-  if (r_.options.epipolar_outlier_ratio == 0.0 ||
+  if (footage_.options.epipolar_outlier_ratio == 0.0 ||
       !HasBaseline(cam2_from_cam1)) {
     return;
   }
@@ -196,12 +199,14 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
   const Rigid3 pose = WithUnitBaseline(cam2_from_cam1);
   const double max_error_rad =
       ErrorInRadians(plan.image1, plan.image2, kEpipolarOutlierError_px);
-  const SimulatedFeatures& features1 = r_.photographs.features[plan.image1];
-  const SimulatedFeatures& features2 = r_.photographs.features[plan.image2];
+  const SimulatedFeatures& features1 =
+      footage_.photographs.features[plan.image1];
+  const SimulatedFeatures& features2 =
+      footage_.photographs.features[plan.image2];
   Mask is_taken(features2.size(), false);
   for (const Match& match : *matches) is_taken[match.keypoint_idx2] = true;
   for (Match& match : *matches) {
-    if (random.Uniform() >= r_.options.epipolar_outlier_ratio) continue;
+    if (random.Uniform() >= footage_.options.epipolar_outlier_ratio) continue;
     const Eigen::Vector3d& ray1 = features1.rays[match.keypoint_idx1];
     std::vector<uint32_t> on_line;
     for (size_t i = 0; i < features2.size(); ++i) {
@@ -224,8 +229,9 @@ std::optional<MadePair> PairMaker::MakeRandomPair(
       RandomOfPair(Effect::kRandomPairs, plan.image1, plan.image2).NextBits());
   const Eigen::Vector3d turn = NormalVector(&random);
   const Rigid3 cam2_from_cam1{ExpSO3(turn), NormalVector(&random)};
-  const size_t num_features2 = r_.photographs.features[plan.image2].size();
-  matches.resize(r_.options.min_num_matches);
+  const size_t num_features2 =
+      footage_.photographs.features[plan.image2].size();
+  matches.resize(footage_.options.min_num_matches);
   for (Match& match : matches) {
     match.keypoint_idx2 = random.Index(static_cast<uint32_t>(num_features2));
   }
@@ -238,7 +244,7 @@ double PairMaker::ErrorInRadians(int image1, int image2,
   double inverse_focal = 0.0;
   for (const int image : {image1, image2}) {
     const SimulatedCamera& camera =
-        r_.rig[r_.photographs.exposures[image].camera];
+        footage_.rig[footage_.photographs.exposures[image].camera];
     inverse_focal += 0.5 / PixelsPerRadian(camera);
   }
   return error_px * inverse_focal;
@@ -246,8 +252,8 @@ double PairMaker::ErrorInRadians(int image1, int image2,
 
 bool PairMaker::Passes(const Rigid3& cam2_from_cam1, int image1, int image2,
                        const Match& match, double max_error_rad) const {
-  const Eigen::Vector3d& ray1 = Ray1(r_.photographs, image1, match);
-  const Eigen::Vector3d& ray2 = Ray2(r_.photographs, image2, match);
+  const Eigen::Vector3d& ray1 = Ray1(footage_.photographs, image1, match);
+  const Eigen::Vector3d& ray2 = Ray2(footage_.photographs, image2, match);
   if (!HasBaseline(cam2_from_cam1)) {
     return IsRotationInlier(cam2_from_cam1.rotation, ray1, ray2, max_error_rad);
   }
@@ -257,8 +263,8 @@ bool PairMaker::Passes(const Rigid3& cam2_from_cam1, int image1, int image2,
 std::vector<Match> PairMaker::Inliers(const Rigid3& cam2_from_cam1, int image1,
                                       int image2,
                                       const std::vector<Match>& matches) const {
-  const double max_error_rad =
-      ErrorInRadians(image1, image2, r_.options.max_verification_error_px);
+  const double max_error_rad = ErrorInRadians(
+      image1, image2, footage_.options.max_verification_error_px);
   std::vector<Match> inliers = matches;
   EraseIf(&inliers, [&](const Match& match) {
     return !Passes(cam2_from_cam1, image1, image2, match, max_error_rad);
@@ -269,26 +275,26 @@ std::vector<Match> PairMaker::Inliers(const Rigid3& cam2_from_cam1, int image1,
 // The motion relative to the vehicle with the most matches.
 std::optional<PairMaker::Hypothesis> PairMaker::MotionOfVehicle(
     int image1, int image2, const std::vector<Match>& matches) const {
-  if (r_.vehicles == nullptr) return std::nullopt;
+  if (footage_.vehicles == nullptr) return std::nullopt;
   std::map<int, int> num_matches;
   for (const Match& match : matches) {
     const int identity =
-        r_.photographs.features[image1].identities[match.keypoint_idx1];
-    const int vehicle = r_.detector.VehicleOf(identity);
+        footage_.photographs.features[image1].identities[match.keypoint_idx1];
+    const int vehicle = footage_.detector.VehicleOf(identity);
     if (vehicle >= 0) ++num_matches[vehicle];
   }
   int best = -1;
   for (const auto& [vehicle, number] : num_matches) {
-    if (number < r_.options.min_num_matches) continue;
+    if (number < footage_.options.min_num_matches) continue;
     if (best < 0 || number > num_matches[best]) best = vehicle;
   }
   if (best < 0) return std::nullopt;
-  const Exposure& exposure1 = r_.photographs.exposures[image1];
-  const Exposure& exposure2 = r_.photographs.exposures[image2];
+  const Exposure& exposure1 = footage_.photographs.exposures[image1];
+  const Exposure& exposure2 = footage_.photographs.exposures[image2];
   const Rigid3 pose = WithUnitBaseline(
       exposure2.cam_from_world *
-      r_.vehicles->WorldFromVehicle(best, exposure2.time_s) *
-      r_.vehicles->WorldFromVehicle(best, exposure1.time_s).Inverse() *
+      footage_.vehicles->WorldFromVehicle(best, exposure2.time_s) *
+      footage_.vehicles->WorldFromVehicle(best, exposure1.time_s).Inverse() *
       exposure1.cam_from_world.Inverse());
   return Hypothesis{PairKind::kMovingObject, pose,
                     Inliers(pose, image1, image2, matches)};
@@ -299,28 +305,28 @@ std::optional<PairMaker::Hypothesis> PairMaker::MotionOfVehicle(
 Rigid3 PairMaker::Estimate(int image1, int image2,
                            const Hypothesis& hypothesis) const {
   Rigid3 pose = hypothesis.cam2_from_cam1;
-  const bool is_noisy = r_.options.pixel_noise_px > 0.0 &&
-                        r_.options.max_verification_error_px > 0.0;
+  const bool is_noisy = footage_.options.pixel_noise_px > 0.0 &&
+                        footage_.options.max_verification_error_px > 0.0;
   if (is_noisy) {
     RayMatches rays;
     rays.Reserve(hypothesis.inliers.size());
     for (const Match& match : hypothesis.inliers) {
-      rays.Add(Ray1(r_.photographs, image1, match),
-               Ray2(r_.photographs, image2, match));
+      rays.Add(Ray1(footage_.photographs, image1, match),
+               Ray2(footage_.photographs, image2, match));
     }
     PoseRefinementOptions refinement;
     refinement.loss_scale_rad =
-        ErrorInRadians(image1, image2, r_.options.pixel_noise_px);
+        ErrorInRadians(image1, image2, footage_.options.pixel_noise_px);
     if (HasBaseline(pose)) {
       RefineRelativePose(rays, refinement, &pose);
     } else {
       RefineRotation(rays, refinement, &pose.rotation);
     }
   }
-  if (r_.options.relative_rotation_noise_deg > 0.0) {
+  if (footage_.options.relative_rotation_noise_deg > 0.0) {
     Random random = RandomOfPair(Effect::kPairEstimates, image1, image2);
     const Eigen::Vector3d turn =
-        DegToRad(r_.options.relative_rotation_noise_deg) *
+        DegToRad(footage_.options.relative_rotation_noise_deg) *
         NormalVector(&random);
     pose.rotation = (pose.rotation * ExpSO3(turn)).normalized();
   }
@@ -329,14 +335,14 @@ Rigid3 PairMaker::Estimate(int image1, int image2,
 
 bool PairMaker::IsPanoramic(int image1, int image2,
                             const Hypothesis& hypothesis) const {
-  if (r_.options.max_verification_error_px == 0.0) return false;
-  const double max_error_rad =
-      ErrorInRadians(image1, image2, r_.options.max_verification_error_px);
+  if (footage_.options.max_verification_error_px == 0.0) return false;
+  const double max_error_rad = ErrorInRadians(
+      image1, image2, footage_.options.max_verification_error_px);
   const auto num_explained =
       CountIf(hypothesis.inliers, [&](const Match& match) {
         return IsRotationInlier(hypothesis.cam2_from_cam1.rotation,
-                                Ray1(r_.photographs, image1, match),
-                                Ray2(r_.photographs, image2, match),
+                                Ray1(footage_.photographs, image1, match),
+                                Ray2(footage_.photographs, image2, match),
                                 max_error_rad);
       });
   return num_explained >= kPanoramicShare * hypothesis.inliers.size();

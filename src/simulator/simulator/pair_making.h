@@ -21,7 +21,7 @@ class PairMaker {
  public:
   // Both arguments must outlive this object.
   PairMaker(const Footage& footage, const WeakCuts& weak_cuts)
-      : r_(footage), weak_cuts_(weak_cuts) {}
+      : footage_(footage), weak_cuts_(weak_cuts) {}
 
   // nullopt if there are too few common points or verified matches.
   std::optional<MadePair> Make(const PairPlan& plan) const;
@@ -58,7 +58,7 @@ class PairMaker {
   bool IsPanoramic(int image1, int image2, const Hypothesis& hypothesis) const;
   Random RandomOfPair(Effect effect, int image1, int image2) const;
 
-  const Footage& r_;
+  const Footage& footage_;
   const WeakCuts& weak_cuts_;
 };
 

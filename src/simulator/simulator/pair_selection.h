@@ -36,6 +36,7 @@ struct Footage {
   const World& world;
   const Vehicles* vehicles;  // null: none
   const Detector& detector;
+  // HideConvoys() and MakeIsolatedPairs() add and remove features.
   Photographs& photographs;
 };
 

@@ -62,14 +62,14 @@ struct Support {
 class CutInspector {
  public:
   explicit CutInspector(const Footage& footage)
-      : r_(footage), plans_of_cut_(footage.drive.num_frames()) {
-    const std::vector<Exposure>& exposures = r_.photographs.exposures;
+      : footage_(footage), plans_of_cut_(footage.drive.num_frames()) {
+    const std::vector<Exposure>& exposures = footage_.photographs.exposures;
     for (const PairPlan& plan :
-         PlanNeighbors(r_.options, r_.drive, exposures)) {
+         PlanNeighbors(footage_.options, footage_.drive, exposures)) {
       const auto [begin, end] = std::minmax(
           {exposures[plan.image1].frame, exposures[plan.image2].frame});
       // Pairs between the ends of a closed drive cross no cut.
-      if (end - begin > r_.options.num_matched_frames) continue;
+      if (end - begin > footage_.options.num_matched_frames) continue;
       for (int cut = begin; cut < end; ++cut) {
         plans_of_cut_[cut].push_back(plan);
       }
@@ -82,14 +82,15 @@ class CutInspector {
   }
 
   Support SupportOf(const std::vector<Common>& pairs) const {
-    const double correct_share = (1.0 - r_.options.mismatch_ratio) *
-                                 (1.0 - r_.options.epipolar_outlier_ratio);
+    const double correct_share =
+        (1.0 - footage_.options.mismatch_ratio) *
+        (1.0 - footage_.options.epipolar_outlier_ratio);
     Support support;
     for (const Common& common : pairs) {
       const auto num_points = static_cast<double>(common.points.size());
       const auto exceeds = [&](double factor) {
         return correct_share * num_points >=
-                   factor * r_.options.min_num_matches &&
+                   factor * footage_.options.min_num_matches &&
                num_points + common.num_like_world >=
                    factor * common.num_on_vehicle;
       };
@@ -103,22 +104,22 @@ class CutInspector {
  private:
   Common FindCommon(const PairPlan& plan) const {
     const std::vector<int>& ids1 =
-        r_.photographs.features[plan.image1].identities;
+        footage_.photographs.features[plan.image1].identities;
     const std::vector<int>& ids2 =
-        r_.photographs.features[plan.image2].identities;
+        footage_.photographs.features[plan.image2].identities;
     Common common;
-    common.gap = std::abs(r_.photographs.exposures[plan.image1].frame -
-                          r_.photographs.exposures[plan.image2].frame);
+    common.gap = std::abs(footage_.photographs.exposures[plan.image1].frame -
+                          footage_.photographs.exposures[plan.image2].frame);
     std::set_intersection(ids1.begin(), ids1.end(), ids2.begin(), ids2.end(),
                           std::back_inserter(common.points));
     const auto first_moving =
         std::lower_bound(common.points.begin(), common.points.end(),
-                         static_cast<int>(r_.world.points.size()));
+                         static_cast<int>(footage_.world.points.size()));
     const auto first_clutter =
         std::lower_bound(first_moving, common.points.end(), kClutter);
     std::map<int, int> num_on_vehicles;
     for (auto identity = first_moving; identity != first_clutter; ++identity) {
-      int& number = num_on_vehicles[r_.detector.VehicleOf(*identity)];
+      int& number = num_on_vehicles[footage_.detector.VehicleOf(*identity)];
       common.num_on_vehicle = std::max(common.num_on_vehicle, ++number);
     }
     common.num_like_world = NumLikeWorld(plan, {first_moving, first_clutter});
@@ -129,15 +130,15 @@ class CutInspector {
   int NumLikeWorld(const PairPlan& plan,
                    const std::vector<int>& identities) const {
     Rigid3 cam2_from_cam1 =
-        r_.photographs.exposures[plan.image2].cam_from_world *
-        r_.photographs.exposures[plan.image1].cam_from_world.Inverse();
+        footage_.photographs.exposures[plan.image2].cam_from_world *
+        footage_.photographs.exposures[plan.image1].cam_from_world.Inverse();
     if (cam2_from_cam1.translation.norm() < 1e-9) return 0;
     cam2_from_cam1.translation.normalize();
     const double max_error_rad =
-        r_.options.max_verification_error_px / kReferenceFocal_px;
+        footage_.options.max_verification_error_px / kReferenceFocal_px;
     const auto ray_of = [this](int image,
                                int identity) -> const Eigen::Vector3d& {
-      const SimulatedFeatures& features = r_.photographs.features[image];
+      const SimulatedFeatures& features = footage_.photographs.features[image];
       const auto place = std::lower_bound(features.identities.begin(),
                                           features.identities.end(), identity);
       return features.rays[place - features.identities.begin()];
@@ -149,7 +150,7 @@ class CutInspector {
     }));
   }
 
-  const Footage& r_;
+  const Footage& footage_;
   std::vector<std::vector<PairPlan>> plans_of_cut_;
 };
 
