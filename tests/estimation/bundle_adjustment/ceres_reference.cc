@@ -9,7 +9,7 @@
 namespace mgsfm {
 namespace {
 
-struct ReprojectionError {
+struct ReferenceError {
   CameraModelId model;
   const double* params;
   Eigen::Vector2d pixel;
@@ -33,8 +33,8 @@ struct ReprojectionError {
 };
 
 using ReprojectionCost =
-    ceres::NumericDiffCostFunction<ReprojectionError, ceres::CENTRAL, 2, 4, 3,
-                                   4, 3, 3>;
+    ceres::NumericDiffCostFunction<ReferenceError, ceres::CENTRAL, 2, 4, 3, 4,
+                                   3, 3>;
 
 void SetFreedom(const PoseMask& mask, double* rotation, double* translation,
                 ceres::Problem* problem) {
@@ -69,9 +69,9 @@ double SolveWithCeres(const BundleProblem& problem, BundleState* state) {
       Rigid3& sensor = state->sensors[image.sensor];
       ceres_problem.AddResidualBlock(
           new ReprojectionCost(
-              new ReprojectionError{problem.cameras[image.camera].model,
-                                    state->cameras[image.camera].data(),
-                                    observation.pixel.cast<double>()}),
+              new ReferenceError{problem.cameras[image.camera].model,
+                                 state->cameras[image.camera].data(),
+                                 observation.pixel.cast<double>()}),
           new ceres::CauchyLoss(scale), frame.rig_from_world.coeffs().data(),
           frame.center.data(), sensor.rotation.coeffs().data(),
           sensor.translation.data(), state->points[p].data());
