@@ -2,6 +2,7 @@
 #include "incremental/growing_model.h"
 
 #include <algorithm>
+#include <map>
 #include <utility>
 
 #include "base/parallel.h"
@@ -100,9 +101,27 @@ void GrowingModel::MoveTo(const Reconstruction& moved) {
 }
 
 void GrowingModel::StartFrom(const Reconstruction& existing) {
-  MoveTo(existing);
+  SetPoses(existing);
   for (const auto& pose : model_.rig_from_world)
     num_frames_ += pose.has_value();
+  std::map<std::pair<int, int>, const Point3D*> point_of_first;
+  for (const Point3D& point : existing.points) {
+    const Observation& first = point.track.front();
+    point_of_first[{first.image_idx, first.keypoint_idx}] = &point;
+  }
+  std::vector<int> changed;
+  for (size_t t = 0; t < input_.tracks.size(); ++t) {
+    const Observation& first = *input_.tracks.begin(t);
+    const auto found =
+        point_of_first.find({first.image_idx, first.keypoint_idx});
+    if (found != point_of_first.end() &&
+        found->second->track.size() == input_.tracks.length(t)) {
+      SetPoint(static_cast<int>(t), *found->second);
+    } else {
+      changed.push_back(static_cast<int>(t));
+    }
+  }
+  TriangulateTracks(changed);
   UpdateFilter();
 }
 

@@ -87,7 +87,8 @@ class GrowingModel {
   void DropFramesWithFewPoints();
   // Replaces all poses, and triangulates all tracks.
   void MoveTo(const Reconstruction& moved);
-  // The same for poses and cameras of another model.
+  // Takes the poses, cameras and points of another model. Only tracks that are
+  // no points of it are triangulated.
   void StartFrom(const Reconstruction& existing);
 
   Reconstruction WithPoints() const;

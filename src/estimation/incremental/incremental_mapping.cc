@@ -56,7 +56,7 @@ class Growth {
   // The same for a model that is adjusted.
   void Continue() {
     num_adjusted_frames_ = model_.num_frames();
-    while (GrowUntilStuck()) AdjustEverything();
+    while (GrowUntilStuck() && !ListRejected().empty()) AdjustEverything();
   }
 
   // The frames that the model lacks, with the points that they see.
