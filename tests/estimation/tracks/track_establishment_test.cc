@@ -429,5 +429,32 @@ TEST(TrackEstablishmentTest, NoMatchesGiveNoTracks) {
   EXPECT_EQ(Establish(Scene(), ViewGraph()).summary.num_tracks, 0u);
 }
 
+// The points of a model stand for its matches: the joined groups are the
+// components of the graph of new matches and of the tracks of points.
+TEST(JoinPointsTest, JoinsWhatSharesKeypoints) {
+  const Scene scene = MakeScene(5, 4);
+  const auto point = [](const Group& track) {
+    Point3D point;
+    point.track = track;
+    return point;
+  };
+  const std::vector<Point3D> points = {point({{0, 0}, {1, 0}}),
+                                       point({{1, 1}, {2, 1}}),
+                                       point({{0, 3}, {2, 3}})};
+  ObservationGroups candidates;
+  for (const Group& group : {Group{{1, 0}, {3, 0}}, Group{{2, 1}, {3, 1}},
+                             Group{{0, 0}, {4, 2}}, Group{{3, 2}, {4, 3}}}) {
+    candidates.AddGroup(group.data(), group.data() + group.size());
+  }
+  const std::vector<Group> joined = {{{0, 0}, {1, 0}, {3, 0}, {4, 2}},
+                                     {{1, 1}, {2, 1}, {3, 1}},
+                                     {{3, 2}, {4, 3}}};
+  EXPECT_EQ(ToVectors(JoinPoints(scene, candidates, points, false)), joined);
+  std::vector<Group> with_others = joined;
+  with_others.push_back({{0, 3}, {2, 3}});
+  EXPECT_EQ(ToVectors(JoinPoints(scene, candidates, points, true)),
+            with_others);
+}
+
 }  // namespace
 }  // namespace mgsfm
