@@ -15,7 +15,7 @@
 #include "mgsfm/incremental/incremental_mapping.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "registration/frame_addition.h"
+#include "registration/known_lengths.h"
 
 namespace mgsfm {
 namespace {

@@ -17,7 +17,7 @@
 #include "mapper/weak_seams.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "registration/frame_addition.h"
+#include "registration/known_lengths.h"
 #include "scene/observations.h"
 #include "scene/point_lookup.h"
 

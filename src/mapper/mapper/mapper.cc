@@ -25,7 +25,7 @@
 #include "mgsfm/scene/view_graph.h"
 #include "moving_objects/moving_objects.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "registration/frame_addition.h"
+#include "registration/known_lengths.h"
 #include "rotation_averaging/rotation_estimation.h"
 #include "translation_averaging/position_estimation.h"
 

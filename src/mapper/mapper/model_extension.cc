@@ -14,7 +14,7 @@
 #include "mgsfm/incremental/incremental_mapping.h"
 #include "mgsfm/mapper/mapper.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "registration/frame_addition.h"
+#include "registration/known_lengths.h"
 #include "soft_rig/shared_calibration.h"
 
 namespace mgsfm {
@@ -97,9 +97,11 @@ void CheckExtensionOptions(const MapperOptions& options,
 }
 
 // Grows the model. Its points are those of the start and of the new tracks.
-IncrementalResult Grow(const MapperRunInput& run, const Bearings& bearings,
-                       const AdjustmentInput& input,
-                       const MapperOptions& options, const Context& context) {
+IncrementalResult GrowExisting(const MapperRunInput& run,
+                               const Bearings& bearings,
+                               const AdjustmentInput& input,
+                               const MapperOptions& options,
+                               const Context& context) {
   IncrementalResult grown =
       GrowModel({input.scene, bearings, input.view_graph, input.pair_is_used},
                 {*input.start, input.held},
@@ -187,6 +189,7 @@ std::optional<ViewGraph> PairsOfNewImages(const MapperRunInput& run) {
 
 void ExtendModel(const MapperRunInput& run, bool keeps_points,
                  VerifiedPairs* verified, MapperResult* result) {
+  CheckExtensionOptions(run.options, run.input.position_priors);
   const Context& context = run.context;
   const Reconstruction& existing = *run.input.existing_model;
   const FramePairIndex index(run.scene, verified->view_graph,
@@ -197,7 +200,6 @@ void ExtendModel(const MapperRunInput& run, bool keeps_points,
   const ViewGraph& view_graph = pairs.view_graph;
   result->rejected_pairs =
       CountRejections(verdicts, pairs.num_of_fixed_regions);
-  CheckExtensionOptions(run.options, run.input.position_priors);
   const bool are_fixed = run.options.extension.fix_existing_frames;
   const Reconstruction start =
       are_fixed ? existing : AtKnownPoses(pairs.scene, existing);
@@ -219,7 +221,7 @@ void ExtendModel(const MapperRunInput& run, bool keeps_points,
   if (are_fixed) input.held = FixAllOf(start);
   const RunningStage stage("incremental mapping", context);
   IncrementalResult grown =
-      Grow(run, pairs.bearings, input, options, stage.context());
+      GrowExisting(run, pairs.bearings, input, options, stage.context());
   stage.Finish(&model.times);
   model.extension.emplace();
   model.extension->added_frames = std::move(grown.added);

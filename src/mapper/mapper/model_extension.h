@@ -18,10 +18,10 @@ namespace mgsfm {
     const MapperRunInput& run);
 
 // Extends the existing model of the input as
-// mgsfm/registration/model_extension.h describes. `keeps_points` if the pairs
-// are those of new images. Adds to the result the model,
-// the reason for every frame that could not be added, and the sensors of the
-// rotation summary. Throws Error if frames are to be fixed although position
+// mgsfm/registration/model_extension.h describes; `keeps_points` if the pairs
+// are those of PairsOfNewImages(). Adds to the result the model, the reason for
+// every frame that could not be added, and the sensors of the rotation summary.
+// Throws Error if frames are to be fixed although position
 // priors or a soft rig would move them.
 void ExtendModel(const MapperRunInput& run, bool keeps_points,
                  VerifiedPairs* pairs, MapperResult* result);

@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-struct FrameAdditionInput {
+struct KnownLengthsInput {
   const Scene& scene;
   const Bearings& bearings;
   const ViewGraph& view_graph;
@@ -23,7 +23,7 @@ struct FrameAdditionInput {
 // if they were unknown, and the known lengths are scaled to the unit of the
 // model. nullopt if no length differs.
 [[nodiscard]] std::optional<Scene> AdaptKnownLengths(
-    const FrameAdditionInput& input, const ResectionOptions& options,
+    const KnownLengthsInput& input, const ResectionOptions& options,
     const Context& context);
 
 // Whether the known pose of a sensor determines a length.

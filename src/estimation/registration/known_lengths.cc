@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "registration/frame_addition.h"
+#include "registration/known_lengths.h"
 
 #include <cstddef>
 #include <string>
@@ -24,7 +24,7 @@ bool HasKnownLength(const Sensor& sensor) {
          !sensor.sensor_from_rig->translation.isZero(0.0);
 }
 
-std::optional<Scene> AdaptKnownLengths(const FrameAdditionInput& input,
+std::optional<Scene> AdaptKnownLengths(const KnownLengthsInput& input,
                                        const ResectionOptions& options,
                                        const Context& context) {
   const auto& [scene, bearings, view_graph, start] = input;
