@@ -22,6 +22,7 @@
 #include <opencv2/core/version.hpp>
 #include <system_error>
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "commands.h"
 #include "help.h"
@@ -62,7 +63,7 @@ std::string VersionText(const std::string& commit) {
 
 struct CommandGroup {
   const char* title;
-  std::vector<Command> commands, others = {};
+  std::vector<Command> commands;
 };
 
 // The groups are in the order in which a first session needs them.
@@ -70,12 +71,14 @@ std::vector<CommandGroup> CommandGroups() {
   return {{"Reconstruction",
            {AutomaticReconstructorCommand(), MapperCommand(),
             BundleAdjusterCommand(), PointTriangulatorCommand()}},
-          {"Images, features and matches", ImageCommands(), MatchingCommands()},
-          {"Models",
-           {ReportCommand(), ModelEvaluatorCommand(), ModelAnalyzerCommand(),
-            ModelConverterCommand(), ImageUndistorterCommand(),
-            ModelAlignerCommand(), ModelMergerCommand()},
-           ModelEditCommands()},
+          {"Images, features and matches",
+           Concatenated(std::vector{ImageCommands(), MatchingCommands()})},
+          {"Models", Concatenated(std::vector<std::vector<Command>>{
+                         {ReportCommand(), ModelEvaluatorCommand(),
+                          ModelAnalyzerCommand(), ModelConverterCommand(),
+                          ImageUndistorterCommand(), ModelAlignerCommand(),
+                          ModelMergerCommand()},
+                         ModelEditCommands()})},
           {"Databases", DatabaseCommands()},
           {"Simulation", {SimulateCommand()}}};
 }
@@ -83,12 +86,7 @@ std::vector<CommandGroup> CommandGroups() {
 }  // namespace
 
 std::vector<Command> AllCommands() {
-  std::vector<Command> all;
-  for (const CommandGroup& group : CommandGroups()) {
-    all.insert(all.end(), group.commands.begin(), group.commands.end());
-    all.insert(all.end(), group.others.begin(), group.others.end());
-  }
-  return all;
+  return Concatenated(Transformed(CommandGroups(), &CommandGroup::commands));
 }
 
 namespace {
@@ -130,11 +128,9 @@ void PrintUsage() {
                "Usage: mgsfm COMMAND [--option value ...]\n";
   for (const CommandGroup& group : CommandGroups()) {
     std::printf("\n%s\n", group.title);
-    for (const auto* commands : {&group.commands, &group.others}) {
-      for (const Command& command : *commands) {
-        std::printf("  %-23s %s\n", command.name.c_str(),
-                    command.summary.c_str());
-      }
+    for (const Command& command : group.commands) {
+      std::printf("  %-23s %s\n", command.name.c_str(),
+                  command.summary.c_str());
     }
   }
   std::cout << "\nmgsfm COMMAND --help shows the basic options of a command, "
