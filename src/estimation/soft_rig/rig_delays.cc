@@ -239,16 +239,9 @@ std::optional<UnitError> EstimateUnitError(
 
 // The same with pose columns only.
 RigScores WithoutDelays(RigScores scores) {
-  const auto clear = [](MatrixXd* matrix) {
-    for (Eigen::Index k = kSensorColumns - 1; k < matrix->rows();
-         k += kSensorColumns) {
-      matrix->row(k).setZero();
-      if (matrix->rows() == matrix->cols()) matrix->col(k).setZero();
-    }
-  };
-  clear(&scores.information);
-  clear(&scores.scores);
-  for (MatrixXd& information : scores.block_information) clear(&information);
+  for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
+    HoldColumn(scores.DelayColumn(k), &scores);
+  }
   return scores;
 }
 

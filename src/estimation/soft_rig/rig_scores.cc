@@ -573,4 +573,15 @@ bool IsCertain(double t, Eigen::Index num_blocks) {
   return z > 3.891;
 }
 
+void HoldColumn(Eigen::Index column, RigScores* scores) {
+  scores->information.row(column).setZero();
+  scores->information.col(column).setZero();
+  scores->scores.row(column).setZero();
+  scores->scores_of_priors[column] = 0.0;
+  for (MatrixXd& information : scores->block_information) {
+    information.row(column).setZero();
+    information.col(column).setZero();
+  }
+}
+
 }  // namespace mgsfm

@@ -121,4 +121,7 @@ Eigen::MatrixXd CovarianceBy(const Eigen::MatrixXd& noise,
 // num_blocks - 1 degrees of freedom.
 bool IsCertain(double t, Eigen::Index num_blocks);
 
+// Clears a column, which is then constant.
+void HoldColumn(Eigen::Index column, RigScores* scores);
+
 }  // namespace mgsfm

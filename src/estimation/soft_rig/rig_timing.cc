@@ -79,17 +79,6 @@ std::optional<double> SigmaOfTime(const RigScores& scores, Eigen::Index column,
       CovarianceBy(noise_of_priors, scores)(column, column));
 }
 
-void HoldColumn(Eigen::Index column, RigScores* scores) {
-  scores->information.row(column).setZero();
-  scores->information.col(column).setZero();
-  scores->scores.row(column).setZero();
-  scores->scores_of_priors[column] = 0.0;
-  for (Eigen::MatrixXd& information : scores->block_information) {
-    information.row(column).setZero();
-    information.col(column).setZero();
-  }
-}
-
 // Holds the times that the motion of the rig does not determine. Holding them
 // improves the others, which are therefore evaluated a second time.
 TimeSigmas HoldUnobservable(const TimingRun& run, TimedRig* rig,
