@@ -86,11 +86,12 @@ class KeypointColors {
 
 BundleResult Refine(const JoinedModel& input, Reconstruction joined,
                     const BundleAdjustmentOptions& options,
-                    RefinementConditions conditions, const Context& context) {
+                    const RefinementConditions& conditions,
+                    const Context& context) {
   if (input.max_num_observations) {
     return RefineBySelectedTracks(input.scene, std::move(joined), options,
                                   *input.max_num_observations, context,
-                                  std::move(conditions));
+                                  conditions);
   }
   const CandidateSource tracks = FixedCandidates(GroupTracks(joined.points));
   return RefineReconstruction(input.scene, tracks, std::move(joined), options,

@@ -58,9 +58,11 @@ CameraRays MakeCameraRays(const Camera& camera, const RenderingOptions& options,
         PixelRay* ray = result.rays.data() + row * row_size;
         for (int column = 0; column < camera.width_px; ++column) {
           for (int i = 0; i < n * n; ++i, ++ray) {
+            const int sample_row = i / n;
+            const int sample_column = i % n;
             const Eigen::Vector2d pixel(
-                column + (i % n + 0.5) / n,
-                static_cast<double>(row) + (i / n + 0.5) / n);
+                column + (sample_column + 0.5) / n,
+                static_cast<double>(row) + (sample_row + 0.5) / n);
             *ray = MakePixelRay(camera, pixel, options.max_view_angle_deg);
           }
         }
