@@ -348,6 +348,15 @@ void UseRecording(const fs::path& output_path, const Context& context,
   }
 }
 
+void SplitCombinedImages(const fs::path& views, const Context& context,
+                         AutomaticReconstructorOptions* options) {
+  if (options->data_type == DataType::kPanorama) {
+    UseViews(views, CombinedImages::kPanorama, context, options);
+  } else if (options->data_type == DataType::kDualFisheye) {
+    UseViews(views, CombinedImages::kDualFisheye, context, options);
+  }
+}
+
 int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                               const Context& terminal) {
   const auto live = LiveView::Start(given.live, given.workspace_path, terminal);
@@ -369,14 +378,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   for (const std::string& name : names) {
     CheckFormat(name, options.output_format);
   }
-  if (options.data_type == DataType::kPanorama ||
-      options.data_type == DataType::kDualFisheye) {
-    UseViews(workspace / "views",
-             options.data_type == DataType::kPanorama
-                 ? CombinedImages::kPanorama
-                 : CombinedImages::kDualFisheye,
-             context, &options);
-  }
+  SplitCombinedImages(workspace / "views", context, &options);
   const std::vector<std::string> view_names = NamesOf(options);
   CheckRigsOfImages(options.image_path, view_names, options.input.loading);
   options.input.database_path = (workspace / "database.db").string();

@@ -181,10 +181,10 @@ using Response = std::shared_ptr<MHD_Response>;
 Response MakeResponse(const std::string& content_type,
                       const std::string& content) {
   // The library copies the content, although it takes a pointer to non-const.
-  const Response response(MHD_create_response_from_buffer(
-                              content.size(), const_cast<char*>(content.data()),
-                              MHD_RESPMEM_MUST_COPY),
-                          MHD_destroy_response);
+  Response response(MHD_create_response_from_buffer(
+                        content.size(), const_cast<char*>(content.data()),
+                        MHD_RESPMEM_MUST_COPY),
+                    MHD_destroy_response);
   if (!response) throw std::bad_alloc();
   const std::pair<const char*, const char*> headers[] = {
       {"Content-Type", content_type.c_str()},

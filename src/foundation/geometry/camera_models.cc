@@ -124,9 +124,9 @@ PixelProjection FindPixelProjection(CameraModelId model) {
 }
 
 const std::vector<CameraModelInfo>& AllCameraModels() {
-  static const std::vector<CameraModelInfo> models =
+  static const std::vector<CameraModelInfo> kModels =
       Transformed(Indices(std::size(kNames)), MakeInfo);
-  return models;
+  return kModels;
 }
 
 const CameraModelInfo* FindCameraModel(int32_t id) {
