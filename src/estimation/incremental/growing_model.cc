@@ -2,7 +2,6 @@
 #include "incremental/growing_model.h"
 
 #include <algorithm>
-#include <map>
 #include <utility>
 
 #include "base/parallel.h"
@@ -104,19 +103,21 @@ void GrowingModel::StartFrom(const Reconstruction& existing) {
   SetPoses(existing);
   for (const auto& pose : model_.rig_from_world)
     num_frames_ += pose.has_value();
-  std::map<std::pair<int, int>, const Point3D*> point_of_first;
+  // Per keypoint: the point whose track begins with it.
+  std::vector<std::vector<const Point3D*>> points(input_.scene.images.size());
+  for (size_t i = 0; i < points.size(); ++i) {
+    points[i].resize(input_.scene.images[i].keypoints_px.size(), nullptr);
+  }
   for (const Point3D& point : existing.points) {
     const Observation& first = point.track.front();
-    point_of_first[{first.image_idx, first.keypoint_idx}] = &point;
+    points[first.image_idx][first.keypoint_idx] = &point;
   }
   std::vector<int> changed;
   for (size_t t = 0; t < input_.tracks.size(); ++t) {
     const Observation& first = *input_.tracks.begin(t);
-    const auto found =
-        point_of_first.find({first.image_idx, first.keypoint_idx});
-    if (found != point_of_first.end() &&
-        found->second->track.size() == input_.tracks.length(t)) {
-      SetPoint(static_cast<int>(t), *found->second);
+    const Point3D* point = points[first.image_idx][first.keypoint_idx];
+    if (point != nullptr && point->track.size() == input_.tracks.length(t)) {
+      SetPoint(static_cast<int>(t), *point);
     } else {
       changed.push_back(static_cast<int>(t));
     }
