@@ -14,7 +14,7 @@
 namespace mgsfm {
 namespace {
 
-// What to say about names of other programs.
+// The answer to option names of other programs.
 struct Advice {
   const char* text;
   const char* names;  // separated by blanks

@@ -30,7 +30,7 @@ struct Rigid3 {
     const Eigen::Quaterniond inverse = rotation.conjugate();
     return {inverse, -(inverse * translation)};
   }
-  // To the last bit.
+  // Equal in every bit; there is no tolerance.
   friend bool operator==(const Rigid3& a, const Rigid3& b) {
     return a.rotation.coeffs() == b.rotation.coeffs() &&
            a.translation == b.translation;

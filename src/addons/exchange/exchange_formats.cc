@@ -23,7 +23,7 @@ std::vector<ExportedFile> WritePly(const ExportInput& input) {
   return {{"", PointsToPly(input.model)}};
 }
 
-// In the order of messages.
+// Messages list the formats in this order.
 const std::vector<ExchangeFormat>& AllFormats() {
   static const std::vector<ExchangeFormat> kAll = [] {
     std::vector<ExchangeFormat> all = {{"ply", WritePly}};

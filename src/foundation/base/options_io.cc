@@ -144,7 +144,7 @@ struct Section {
   std::vector<const OptionEntry*> entries;
 };
 
-// In the order of first use.
+// The sections are in the order of their first option.
 std::vector<Section> SectionsOf(const OptionList& options) {
   std::vector<Section> sections;
   for (const OptionEntry& entry : options) {

@@ -106,7 +106,7 @@ class FeatureDatabase::Impl {
     return static_cast<uint32_t>(last.Int(0));
   }
 
-  // Of the tables.
+  // What the tables allow.
   bool none_is_null = false;
   bool descriptors_have_type = false;
 

@@ -121,7 +121,7 @@ class CameraMerger {
     const Camera* camera = nullptr;
     std::string image_name;      // one of its images, for messages
     size_t first_image = kNone;  // positions in the result
-    // Of images that it took according to frames.
+    // The same for the images that frames assign to it.
     size_t first_in_frame = kNone;
   };
 

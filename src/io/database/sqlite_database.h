@@ -65,7 +65,7 @@ class SqliteStatement {
   int64_t Int(int column) const;
   std::string Text(int column) const;
   BlobView Blob(int column) const;
-  // Of the database.
+  // The file of the database.
   const std::string& path() const { return path_; }
 
  private:

@@ -81,7 +81,7 @@ void RemoveMasks(const fs::path& image_path, const MaskPaths& mask_paths,
     }
     if (of_cameras == name) return true;
     if (fs::path(name).extension() != ".png") return false;
-    // In the image folder itself, masks are beside what they hide.
+    // Masks in the image folder are beside the images that they hide.
     const std::string hidden = name.substr(0, name.size() - 4);
     const auto inside = all.lower_bound(hidden + '/');
     const bool is_of_folder =

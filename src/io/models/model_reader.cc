@@ -104,7 +104,7 @@ class ModelFileReader {
     return ReadNumber();
   }
 
-  // In text the rest of the line, as names may have blanks.
+  // Names may have blanks: in text files, a name is the rest of the line.
   std::string ReadName() {
     if (is_text()) {
       const std::string_view name = TrimBlanks(rest_);
@@ -143,7 +143,7 @@ class ModelFileReader {
     return *info;
   }
 
-  // In text, where width, height and parameters follow.
+  // Checks text files, where width, height and parameters follow.
   void CheckNumParams(const CameraModelInfo& info) const {
     const size_t num_words = SplitWords(rest_).size();
     if (!is_text() || num_words == static_cast<size_t>(info.num_params)) return;
@@ -218,7 +218,7 @@ class ModelFileReader {
 
   bool is_text() const { return lines_.has_value(); }
 
-  // Of a binary file.
+  // Reads a number of a binary file.
   template <class T>
   T Read() {
     Require(sizeof(T));
@@ -257,7 +257,7 @@ class ModelFileReader {
   }
 
   std::filesystem::path path_;
-  // Of a binary file.
+  // The content of a binary file.
   std::string data_;
   size_t position_ = 0;
   uint64_t num_records_left_ = 0;

@@ -123,7 +123,7 @@ struct RationalProfile {
     return scale;
   }
 
-  // With scale = n / d, d(r scale)/dr = (n d + 2 s (n' d - n d')) / d^2. Its
+  // If scale = n / d, then d(r scale)/dr = (n d + 2 s (n' d - n d')) / d^2. Its
   // numerator has the coefficients sum_(i+j=m) n_i d_j (1 + 2 (i - j)).
   static bool IsIncreasing(const double* k, double s, double margin) {
     std::array<double, kDen + 1> d{1.0};
