@@ -4,7 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <utility>
+#include <vector>
 
+#include "mapper/mapper_recipe.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/simulator/simulation.h"
 #include "support/model_comparison.h"
@@ -180,6 +183,77 @@ INSTANTIATE_TEST_SUITE_P(
                     std::pair(RigPreset::kStereo, PathPreset::kStraight),
                     std::pair(RigPreset::kStereo, PathPreset::kCurve),
                     std::pair(RigPreset::kKitti360, PathPreset::kStraight)));
+
+// Leaves 20 matches of each pair of images that the frames on either side of
+// the cut have, and no other pairs across it.
+void Weaken(int first_frame_idx_after, Simulation* simulation) {
+  constexpr size_t kNumMatches = 20;
+  auto& pairs = simulation->view_graph.pairs;
+  const auto frame_of = [&](int image_idx) {
+    return simulation->scene.images[image_idx].frame_idx;
+  };
+  std::vector<ImagePair> kept;
+  for (ImagePair& pair : pairs) {
+    const auto [first, last] =
+        std::minmax({frame_of(pair.image_idx1), frame_of(pair.image_idx2)});
+    if (first < first_frame_idx_after && first_frame_idx_after <= last) {
+      if (last != first + 1) continue;
+      pair.matches.resize(std::min(pair.matches.size(), kNumMatches));
+    }
+    kept.push_back(std::move(pair));
+  }
+  pairs = std::move(kept);
+}
+
+void ExpectRight(const Simulation& simulation, const MapperResult& result) {
+  ASSERT_FALSE(result.models.empty());
+  for (const MapperModel& model : result.models) {
+    EXPECT_LT(CompareModels(simulation.scene, model.reconstruction,
+                            simulation.ground_truth)
+                  .max_position,
+              0.3);
+  }
+}
+
+constexpr Copies kCopies{8, 40, 4};
+constexpr int kFirstAfterCut = 26;
+
+// Parallel streets: rotations do not contradict the copies.
+class GrowthAliasingTest : public testing::TestWithParam<RigPreset> {};
+
+// Growth meets the copies before it can cross the cut.
+TEST_P(GrowthAliasingTest, EqualFacadesDoNotJoinPartsThatGrow) {
+  Simulation simulation = Simulate(Drive(GetParam(), PathPreset::kStraight));
+  Weaken(kFirstAfterCut, &simulation);
+  CopyMaker(kCopies, &simulation).Run();
+  ExpectRight(simulation,
+              RunIncrementalMapper({simulation.scene, simulation.view_graph},
+                                   MapperOptions(), Context()));
+}
+
+TEST_P(GrowthAliasingTest, EqualFacadesDoNotExtendAModel) {
+  Simulation simulation = Simulate(Drive(GetParam(), PathPreset::kStraight));
+  Weaken(kFirstAfterCut, &simulation);
+  CopyMaker(kCopies, &simulation).Run();
+  MapperInput input{simulation.scene, {}};
+  for (const ImagePair& pair : simulation.view_graph.pairs) {
+    const auto is_first = [&](int image_idx) {
+      return simulation.scene.images[image_idx].frame_idx < kFirstAfterCut;
+    };
+    if (is_first(pair.image_idx1) && is_first(pair.image_idx2)) {
+      input.view_graph.pairs.push_back(pair);
+    }
+  }
+  const MapperResult first = RunMapper(input, MapperOptions(), Context());
+  ASSERT_EQ(first.models.size(), 1u);
+  input.view_graph = simulation.view_graph;
+  input.existing_model = first.models[0].reconstruction;
+  ExpectRight(simulation, RunMapper(input, MapperOptions(), Context()));
+}
+
+INSTANTIATE_TEST_SUITE_P(Rigs, GrowthAliasingTest,
+                         testing::Values(RigPreset::kMono, RigPreset::kStereo,
+                                         RigPreset::kKitti360));
 
 }  // namespace
 }  // namespace mgsfm

@@ -82,7 +82,9 @@ struct IncrementalInput {
   const Scene& scene;
   const Bearings& bearings;
   const ViewGraph& view_graph;  // of verified pairs with relative poses
-  const Mask& pair_is_used;     // per pair: not rejected by a rule
+  // Per pair: not rejected by a rule. Pairs of places that look alike must be
+  // rejected: growth cannot tell, because it sees no loop before it closes.
+  const Mask& pair_is_used;
 };
 
 struct IncrementalOptions {

@@ -120,6 +120,11 @@ struct MatchSelectionInput {
                                            const std::vector<Point3D>& points,
                                            bool with_others);
 
+// Per pair, the number of matches whose keypoints observe one point.
+[[nodiscard]] std::vector<std::ptrdiff_t> CountMatchesOfPoints(
+    const Scene& scene, const ViewGraph& view_graph,
+    const std::vector<Point3D>& points);
+
 // Tracks for averaging, before poses are known that could identify wrong
 // matches. They are established like candidates, but from triplet-consistent
 // matches only (pair_filtering/triplet_consistency.h). Images with fewer than

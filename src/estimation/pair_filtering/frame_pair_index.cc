@@ -364,6 +364,18 @@ FramePairIndex::FramePairIndex(const Scene& scene,
   reaches_ = MeasureReaches(frame_pairs_, rig_of_frame_, order_->sequences());
 }
 
+FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
+                               const FramePairIndex& whole)
+    : FramePairIndex(scene, view_graph, SequenceMode::kNo) {
+  order_ = whole.order_;
+  rig_of_frame_ = whole.rig_of_frame_;
+  reaches_ = whole.reaches_;
+  if (!order_) return;
+  for (FramePair& frames : frame_pairs_) {
+    frames.time_gap = order_->Gap(frames.frame_idx1, frames.frame_idx2);
+  }
+}
+
 const FramePairIndex::FramePair* FramePairIndex::Find(int frame_idx1,
                                                       int frame_idx2) const {
   const std::pair<int, int> wanted = std::minmax(frame_idx1, frame_idx2);

@@ -77,6 +77,10 @@ class FramePairIndex {
                  SequenceMode sequence = SequenceMode::kAuto);
   FramePairIndex(const Scene& scene, const std::vector<MatchedImages>& pairs,
                  SequenceMode sequence);
+  // The pairs of a part of a view graph: order and reach are those of the
+  // whole, which few pairs do not show.
+  FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
+                 const FramePairIndex& whole);
 
   int num_frames() const { return num_frames_; }
   bool is_sequence() const { return order_.has_value(); }

@@ -310,6 +310,21 @@ Mask FindImagesWithFewTracks(const ObservationGroups& tracks, size_t num_images,
   return has_few_tracks;
 }
 
+constexpr int kNoPoint = -1;
+
+// The point that a keypoint observes, or kNoPoint.
+std::vector<int> PointsOfNodes(const KeypointNodes& nodes,
+                               const std::vector<Point3D>& points) {
+  std::vector<int> point_of_node(nodes.size(), kNoPoint);
+  for (size_t i = 0; i < points.size(); ++i) {
+    for (const Observation& o : points[i].track) {
+      point_of_node[nodes.NodeOf(o.image_idx, o.keypoint_idx)] =
+          static_cast<int>(i);
+    }
+  }
+  return point_of_node;
+}
+
 }  // namespace
 
 ObservationGroups EstablishCandidates(const Scene& scene,
@@ -328,14 +343,7 @@ ObservationGroups JoinPoints(const Scene& scene,
                              const std::vector<Point3D>& points,
                              bool with_others) {
   const KeypointNodes nodes(scene);
-  constexpr int kNoPoint = -1;
-  std::vector<int> point_of_node(nodes.size(), kNoPoint);
-  for (size_t i = 0; i < points.size(); ++i) {
-    for (const Observation& o : points[i].track) {
-      point_of_node[nodes.NodeOf(o.image_idx, o.keypoint_idx)] =
-          static_cast<int>(i);
-    }
-  }
+  const std::vector<int> point_of_node = PointsOfNodes(nodes, points);
   UnionFind sets(candidates.size() + points.size());
   for (size_t g = 0; g < candidates.size(); ++g) {
     for (const Observation* o = candidates.begin(g); o != candidates.end(g);
@@ -369,6 +377,24 @@ ObservationGroups JoinPoints(const Scene& scene,
     joined.FinishGroup();
   }
   return joined;
+}
+
+std::vector<std::ptrdiff_t> CountMatchesOfPoints(
+    const Scene& scene, const ViewGraph& view_graph,
+    const std::vector<Point3D>& points) {
+  const KeypointNodes nodes(scene);
+  const std::vector<int> point_of_node = PointsOfNodes(nodes, points);
+  const auto point_of = [&](int image_idx, uint32_t keypoint_idx) {
+    return point_of_node[nodes.NodeOf(image_idx,
+                                      static_cast<int>(keypoint_idx))];
+  };
+  return Transformed(view_graph.pairs, [&](const ImagePair& pair) {
+    return CountIf(pair.matches, [&](const Match& match) {
+      const int point = point_of(pair.image_idx1, match.keypoint_idx1);
+      return point != kNoPoint &&
+             point == point_of(pair.image_idx2, match.keypoint_idx2);
+    });
+  });
 }
 
 TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,

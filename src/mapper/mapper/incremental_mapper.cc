@@ -9,6 +9,7 @@
 #include "mapper/mapper_recipe.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
+#include "mapper/pair_judgement.h"
 #include "mapper/stage.h"
 #include "mapper/weak_seams.h"
 #include "mgsfm/base/mask.h"
@@ -135,7 +136,8 @@ void MapByGrowth(const MapperRunInput& run, VerifiedPairs* pairs,
                  MapperResult* result) {
   const FramePairIndex index(run.scene, pairs->view_graph,
                              run.options.pair_filtering.is_sequence);
-  const JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
+  JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
+  RejectByPositions(run, *pairs, index, &judged, &result->times);
   const Mask pair_is_used = UsablePairs(judged.rotations.verdicts);
   IncrementalResult grown = Grow(run, *pairs, pair_is_used, &result->times);
   SharedCalibration calibration(run.scene, run.lenses);

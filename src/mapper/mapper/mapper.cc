@@ -15,6 +15,7 @@
 #include "mapper/mapper_recipe.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
+#include "mapper/pair_judgement.h"
 #include "mapper/stage.h"
 #include "mapper/verified_pairs.h"
 #include "mapper/weak_seams.h"

@@ -8,6 +8,7 @@
 
 #include "mapper/components.h"
 #include "mapper/model_adjustment.h"
+#include "mapper/pair_judgement.h"
 #include "mapper/stage.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
@@ -96,6 +97,29 @@ void CheckExtensionOptions(const MapperOptions& options,
   }
 }
 
+PairVerdicts JudgePairsOfExtension(const MapperRunInput& run,
+                                   VerifiedPairs* pairs, MapperResult* result) {
+  const FramePairIndex index(
+      run.scene, pairs->view_graph,
+      FramePairIndex(run.scene, run.matches,
+                     run.options.pair_filtering.is_sequence));
+  JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
+  RejectByPositions(run, *pairs, index, &judged, &result->times);
+  return std::move(judged.rotations.verdicts);
+}
+
+// The points of the model stand for the pairs of its images.
+void DropPairsOf(const Reconstruction& model, const Scene& scene,
+                 const ViewGraph& view_graph, Mask* pair_is_used) {
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    if (model.IsRegistered(scene, pair.image_idx1) &&
+        model.IsRegistered(scene, pair.image_idx2)) {
+      (*pair_is_used)[i] = false;
+    }
+  }
+}
+
 // Grows the model. Its points are those of the start and of the new tracks.
 IncrementalResult GrowExisting(const MapperRunInput& run,
                                const Bearings& bearings,
@@ -170,32 +194,12 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
   }
 }
 
-std::optional<ViewGraph> PairsOfNewImages(const MapperRunInput& run) {
-  const auto& model = run.input.existing_model;
-  if (!model || model->points.empty()) return std::nullopt;
-  Mask is_new(run.scene.images.size());
-  for (size_t i = 0; i < run.scene.images.size(); ++i) {
-    is_new[i] = !model->IsRegistered(run.scene, static_cast<int>(i));
-  }
-  if (is_new.Count() == 0) return std::nullopt;
-  ViewGraph of_new;
-  for (const ImagePair& pair : run.matches.pairs) {
-    if (is_new[pair.image_idx1] || is_new[pair.image_idx2]) {
-      of_new.pairs.push_back(pair);
-    }
-  }
-  return of_new;
-}
-
 void ExtendModel(const MapperRunInput& run, bool keeps_points,
                  VerifiedPairs* verified, MapperResult* result) {
   CheckExtensionOptions(run.options, run.input.position_priors);
   const Context& context = run.context;
   const Reconstruction& existing = *run.input.existing_model;
-  const FramePairIndex index(run.scene, verified->view_graph,
-                             run.options.pair_filtering.is_sequence);
-  const PairVerdicts verdicts =
-      JudgePairs(run, index, verified, &result->times).rotations.verdicts;
+  const PairVerdicts verdicts = JudgePairsOfExtension(run, verified, result);
   const VerifiedPairs& pairs = *verified;
   const ViewGraph& view_graph = pairs.view_graph;
   result->rejected_pairs =
@@ -214,6 +218,7 @@ void ExtendModel(const MapperRunInput& run, bool keeps_points,
                         keeps_points ? run.matches : view_graph,
                         run.input.position_priors, run.input.gravity_priors};
   input.pair_is_used = UsablePairs(verdicts);
+  if (keeps_points) DropPairsOf(start, scene, view_graph, &input.pair_is_used);
   input.is_metric = IsMetric(scene, start);
   input.keeps_points = keeps_points;
   input.start = &start;

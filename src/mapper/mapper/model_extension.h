@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,17 +11,12 @@
 
 namespace mgsfm {
 
-// The pairs with an image that the existing model lacks. nullopt if all pairs
-// are needed: there is no model, it has no points, or it has all images.
-[[nodiscard]] std::optional<ViewGraph> PairsOfNewImages(
-    const MapperRunInput& run);
-
 // Extends the existing model of the input as
 // mgsfm/registration/model_extension.h describes; `keeps_points` if the pairs
-// are those of PairsOfNewImages(). Adds to the result the model, the reason for
-// every frame that could not be added, and the sensors of the rotation summary.
-// Throws Error if frames are to be fixed although position
-// priors or a soft rig would move them.
+// are those of PairsOfNewImages() (pair_judgement.h). Adds to the result the
+// model, the reason for every frame that could not be added, and the sensors of
+// the rotation summary. Throws Error if frames are to be fixed although
+// position priors or a soft rig would move them.
 void ExtendModel(const MapperRunInput& run, bool keeps_points,
                  VerifiedPairs* pairs, MapperResult* result);
 
