@@ -99,8 +99,10 @@ FocalPair::FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
   const size_t num_used = std::min(size_t{200}, pair.matches.size());
   for (size_t i = 0; i < num_used; ++i) {
     const Match& match = pair.matches[i * pair.matches.size() / num_used];
-    pixels1_.push_back(image1.keypoints_px[match.keypoint_idx1].cast<double>());
-    pixels2_.push_back(image2.keypoints_px[match.keypoint_idx2].cast<double>());
+    pixels1_.emplace_back(
+        image1.keypoints_px[match.keypoint_idx1].cast<double>());
+    pixels2_.emplace_back(
+        image2.keypoints_px[match.keypoint_idx2].cast<double>());
   }
 }
 
