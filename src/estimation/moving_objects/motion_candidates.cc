@@ -25,10 +25,6 @@ constexpr double kRelativeChange = 0.1;
 // An additional change of speed per step, relative to the median speed, so that
 // a rig can stop at walking pace.
 constexpr double kMinChange = 0.03;
-// Change of the angular velocity per step, in addition to the typical change in
-// the recording: the tolerance of agreement, so that errors do not count as
-// changes.
-constexpr double kMinTurnChange_rad = DegToRad(1.0);
 // The longest distance to try is twice this quantile of the measured distances:
 // most may belong to objects at a constant distance, a few to mismatches.
 constexpr double kLongQuantile = 0.9;
@@ -38,7 +34,8 @@ constexpr double kDistanceSpacing = 0.8;
 // Bounds the cost where most measured distances are zero.
 constexpr double kMaxNumDistances = 200.0;
 // Motions agree within kRelativeTolerance, this fraction of the median step,
-// and this angle.
+// and this angle. Turns may change by the same angle per step, in addition to
+// the typical change in the recording, so that errors do not count as changes.
 constexpr double kMinTolerance = 0.04;
 constexpr double kMaxAngle_rad = DegToRad(1.0);
 // 99 % of the differences of two measurements of one vector of three normal
@@ -418,7 +415,7 @@ VelocityChange TypicalChange(const Velocity& a, const Velocity& b,
       kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
           kMinChange * noise.median_step + noise.linear_change,
       kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
-          kMinTurnChange_rad + noise.turn_change_rad};
+          kMaxAngle_rad + noise.turn_change_rad};
 }
 
 double SquaredChange(const Velocity& a, const Velocity& b,

@@ -21,7 +21,9 @@ using Eigen::Vector3d;
 // Steps of forward differences, which balance truncation and rounding.
 constexpr double kPoseStep = 1e-6;
 constexpr double kLensStep = 1e-5;
-constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kFocalLossScalePx};
+// The keypoint error up to which the loss is nearly quadratic.
+constexpr double kLossScalePx = 1.0;
+constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kLossScalePx};
 
 // First-order (Sampson) distance in pixels. Matches without rays and those at
 // both epipoles, which constrain nothing, have residual 0.
