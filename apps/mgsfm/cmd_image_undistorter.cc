@@ -113,7 +113,7 @@ std::string CanonicalOrEmpty(const std::string& path) {
 // ------------------------------------------------------------------- settings
 
 Json ToJson(const Camera& camera) {
-  return {{"model", FindCameraModel(static_cast<int32_t>(camera.model))->name},
+  return {{"model", InfoOf(camera.model).name},
           {"width", camera.width_px},
           {"height", camera.height_px},
           {"params", camera.params}};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 
+#include "base/ranges.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "command.h"
@@ -89,15 +90,13 @@ struct EvaluatorOptions {
 
 std::vector<double> ParseThresholds(const std::string& name,
                                     const std::string& list) {
-  std::vector<double> thresholds;
-  for (const std::string& item : SplitList(list)) {
+  return Transformed(SplitList(list), [&](const std::string& item) {
     const std::optional<double> value = ParseDouble(item);
     if (!value || !(*value > 0.0)) {
       throw Error("--" + name + ": '" + item + "' is not a positive number");
     }
-    thresholds.push_back(*value);
-  }
-  return thresholds;
+    return *value;
+  });
 }
 
 void CheckUsage(const EvaluatorOptions& options) {

@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
 #include <system_error>
 #include <utility>
 #include <vector>
 
-#include "base/file_reading.h"
 #include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/memory.h"
@@ -28,6 +25,7 @@
 #include "model_file.h"
 #include "partition_run.h"
 #include "scene/item_lists.h"
+#include "sub_map_files.h"
 
 namespace mgsfm {
 namespace {
@@ -103,125 +101,6 @@ struct ModelMergerOptions {
 
 using Json = nlohmann::ordered_json;
 
-struct SubMapFiles {
-  std::vector<std::string> folders;  // of the models that exist
-  std::vector<int> clusters;         // per folder
-  std::vector<std::string> missing;  // folders of clusters without models
-};
-
-// Folders named by numbers, ascending. None if `folder` does not exist.
-std::vector<int> NumberedFolders(const fs::path& folder) {
-  std::vector<int> numbers;
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end;
-       it.increment(error)) {
-    const fs::path name = it->path().filename();
-    if (IsModelFolderName(name) && it->is_directory()) {
-      numbers.push_back(std::stoi(name.string()));
-    }
-  }
-  if (error && error != std::errc::no_such_file_or_directory &&
-      error != std::errc::not_a_directory) {
-    throw Error("cannot read the folder '" + folder.string() +
-                "': " + error.message() + "; check its disk and permissions");
-  }
-  std::sort(numbers.begin(), numbers.end());
-  return numbers;
-}
-
-SubMapFiles FindSubMaps(const ModelMergerOptions& options) {
-  SubMapFiles files;
-  std::vector<int> clusters = NumberedFolders(*options.input_path);
-  if (!options.cluster_path->empty()) {
-    clusters = Indices(CountClusters(*options.cluster_path));
-  }
-  for (const int cluster : clusters) {
-    const fs::path folder =
-        fs::path(*options.input_path) / std::to_string(cluster);
-    // Folders of model_splitter are models themselves.
-    bool has_model =
-        fs::is_directory(folder) && ListFolder(folder).HoldsModel();
-    if (has_model) {
-      files.folders.push_back(folder.string());
-      files.clusters.push_back(cluster);
-    }
-    for (const int model : NumberedFolders(folder)) {
-      const fs::path path = folder / std::to_string(model);
-      if (!ListFolder(path).HoldsModel()) continue;
-      files.folders.push_back(path.string());
-      files.clusters.push_back(cluster);
-      has_model = true;
-    }
-    if (has_model) continue;
-    files.missing.push_back(folder.string());
-  }
-  return files;
-}
-
-// Facts about a sub-map that its run reports beside its model.
-struct SubMapFacts {
-  std::vector<std::pair<std::string, Rigid3>> cam_from_world;  // by image name
-  // Whether its world is that of measured positions, and the origin of GPS.
-  bool is_registered = false;
-  std::optional<Eigen::Vector3d> origin_wgs84;
-  bool used_gravity = false;
-};
-
-// The report of the run of a sub-map may be missing.
-SubMapFacts ReadFacts(const fs::path& folder) {
-  SubMapFacts facts;
-  for (const ModelImage& image : ReadModelPoses(folder).images) {
-    facts.cam_from_world.emplace_back(image.name, image.cam_from_world);
-  }
-  facts.origin_wgs84 = ReadGeoOrigin(folder.string());
-  facts.is_registered = facts.origin_wgs84.has_value();
-  const fs::path path = folder.parent_path() / kReportFileName;
-  if (!fs::is_regular_file(path) || !IsModelFolderName(folder.filename())) {
-    return facts;
-  }
-  const Json report = Json::parse(ReadFile(path), nullptr, false);
-  const Json::json_pointer entry("/models/" + folder.filename().string());
-  if (report.is_discarded() || !report.contains(entry)) return facts;
-  const Json& model = report[entry];
-  facts.used_gravity = model.contains("gravity");
-  const Json::json_pointer registered("/position_priors/is_registered");
-  facts.is_registered |= model.value(registered, false);
-  return facts;
-}
-
-// Pairs of images that are both in models, but not in the same model.
-std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
-                                      const std::vector<SubMapFacts>& facts,
-                                      const Context& context) {
-  if (database_path.empty()) return {};
-  std::map<std::string, std::set<size_t>> sub_maps_of;  // by image
-  DatabaseSelection selection;
-  for (size_t m = 0; m < facts.size(); ++m) {
-    for (const auto& [name, pose] : facts[m].cam_from_world) {
-      sub_maps_of[name].insert(m);
-      selection.image_names.insert(name);
-    }
-  }
-  selection.has_keypoints = false;
-  selection.has_pair = [&](const std::string& name1, const std::string& name2) {
-    const std::set<size_t>& of2 = sub_maps_of.at(name2);
-    return NoneOf(sub_maps_of.at(name1),
-                  [&](size_t m) { return of2.count(m) > 0; });
-  };
-  DatabaseContents contents = ReadDatabase(database_path, context, selection);
-  std::map<ImageId, std::string> name_of_id;
-  for (const ImageRow& image : contents.images) {
-    name_of_id.emplace(image.id, image.name);
-  }
-  std::vector<CrossPair> pairs;
-  for (TwoViewGeometryRow& row : contents.pairs) {
-    pairs.push_back({name_of_id.at(row.image_id1), name_of_id.at(row.image_id2),
-                     std::move(row.matches)});
-  }
-  SortBy(&pairs, [](const CrossPair& a) { return std::tie(a.name1, a.name2); });
-  return pairs;
-}
-
 JoinedMaps Join(const ModelMergerOptions& options, const SubMapFiles& files,
                 const std::vector<SubMapFacts>& facts, const Context& context) {
   const std::vector<CrossPair> pairs =
@@ -291,53 +170,6 @@ void LogMissing(const SubMapFiles& files, const Context& context) {
                  "'; frames of this cluster that no other has are missing");
   }
   warnings.Log(context);
-}
-
-// The world of measured positions that most frames of a joined model have.
-struct WorldOfParts {
-  Reconstruction poses;  // of the sub-maps in it, in the scene of the model
-  std::optional<Eigen::Vector3d> origin_wgs84;
-};
-
-// nullopt if no sub-map of the model is in such a world. The first one that is
-// defines it; the sub-maps are ordered by their clusters.
-std::optional<WorldOfParts> FindWorld(const SceneModel& model,
-                                      const std::vector<int>& sub_maps,
-                                      const std::vector<SubMapFacts>& facts,
-                                      const Context& context) {
-  const auto first = std::find_if(sub_maps.begin(), sub_maps.end(), [&](int m) {
-    return facts[m].is_registered;
-  });
-  if (first == sub_maps.end()) return std::nullopt;
-  std::map<std::string, Rigid3> pose_of_name;
-  size_t num_others = 0;
-  for (const int m : sub_maps) {
-    if (!facts[m].is_registered ||
-        facts[m].origin_wgs84 != facts[*first].origin_wgs84) {
-      ++num_others;
-      continue;
-    }
-    const auto& poses = facts[m].cam_from_world;
-    pose_of_name.insert(poses.begin(), poses.end());
-  }
-  if (num_others > 0) {
-    context.Warning(
-        Formatted("%zu of %zu sub-maps are not in the world of measured "
-                  "positions of the others",
-                  num_others, sub_maps.size()));
-  }
-  const auto& sensor_from_rig = model.reconstruction.sensor_from_rig;
-  WorldOfParts world{{}, facts[*first].origin_wgs84};
-  world.poses.sensor_from_rig = sensor_from_rig;
-  world.poses.rig_from_world.resize(model.scene.frames.size());
-  for (const Image& image : model.scene.images) {
-    const auto found = pose_of_name.find(image.name);
-    const auto& sensor = sensor_from_rig[image.sensor_idx];
-    if (found == pose_of_name.end() || !sensor) continue;
-    world.poses.rig_from_world[image.frame_idx] =
-        sensor->Inverse() * found->second;
-  }
-  return world;
 }
 
 // States which measurements of the sub-maps the join is not given.
@@ -578,7 +410,8 @@ int JoinClusters(const ModelMergerOptions& options, const Context& context) {
   CheckUsage(options);
   ReturnLargeBlocks();
   StagedOutput output(*options.output_path);
-  const SubMapFiles files = FindSubMaps(options);
+  const SubMapFiles files =
+      FindSubMaps(options.input_path, options.cluster_path);
   LogMissing(files, context);
   if (files.folders.empty()) {
     context.log(LogLevel::kError, "'" + *options.input_path +
@@ -586,7 +419,7 @@ int JoinClusters(const ModelMergerOptions& options, const Context& context) {
                                       "clusters first");
     return kExitNotSolvable;
   }
-  const auto facts = Transformed(files.folders, ReadFacts);
+  const auto facts = Transformed(files.folders, ReadSubMapFacts);
   const auto [models, report] =
       FinishModels(options, files, facts, output.StagingDir(), context);
   context.CheckInterrupted();

@@ -128,7 +128,7 @@ struct SimulateCommandOptions {
 // The image size whose center is the principal point.
 std::pair<int, int> ImageSize(CameraModelId model,
                               const std::vector<double>& params) {
-  const CameraModelInfo& info = *FindCameraModel(static_cast<int32_t>(model));
+  const CameraModelInfo& info = InfoOf(model);
   const std::vector<int>& center = info.principal_point_idxs;
   const auto round = [](double x) { return static_cast<int>(std::lround(x)); };
   if (center.size() != 2) return {round(params[0]), round(params[1])};
@@ -217,8 +217,7 @@ std::string CameraLines(const Scene& scene) {
   std::string lines;
   for (const Sensor& sensor : scene.sensors) {
     const Camera& camera = scene.cameras[sensor.camera_idx];
-    const std::string model(
-        FindCameraModel(static_cast<int32_t>(camera.model))->name);
+    const std::string model(InfoOf(camera.model).name);
     lines += Formatted("%s %s %d %d", sensor.name.c_str(), model.c_str(),
                        camera.width_px, camera.height_px);
     for (const double param : camera.params) {

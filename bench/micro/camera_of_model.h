@@ -22,7 +22,7 @@ inline std::vector<TestCamera> CameraOfEachModel() {
 }
 
 inline std::string ModelName(const TestCamera& camera) {
-  return std::string(FindCameraModel(static_cast<int32_t>(camera.model))->name);
+  return std::string(InfoOf(camera.model).name);
 }
 
 }  // namespace mgsfm

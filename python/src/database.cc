@@ -98,8 +98,7 @@ py::dict ToPython(const DatabaseContents& contents) {
   py::list cameras, images, rigs, frames;
   for (const Camera& camera : contents.cameras) {
     cameras.append(py::make_tuple(
-        camera.id.value(),
-        std::string(FindCameraModel(static_cast<int32_t>(camera.model))->name),
+        camera.id.value(), std::string(InfoOf(camera.model).name),
         camera.width_px, camera.height_px, MakeArray(camera.params),
         camera.has_prior_focal_length));
   }

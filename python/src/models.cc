@@ -31,8 +31,7 @@ constexpr uint64_t kNoPoint = std::numeric_limits<uint64_t>::max();
 py::list CamerasToPython(const std::vector<Camera>& cameras) {
   py::list list;
   for (const Camera& camera : cameras) {
-    const CameraModelInfo& info =
-        *FindCameraModel(static_cast<int32_t>(camera.model));
+    const CameraModelInfo& info = InfoOf(camera.model);
     list.append(py::make_tuple(camera.id.value(), info.name, camera.width_px,
                                camera.height_px, MakeArray(camera.params)));
   }

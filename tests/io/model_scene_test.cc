@@ -319,9 +319,7 @@ TEST(ModelSceneTest, OtherConventionsOfPosesAreNamed) {
 
 TEST(ModelSceneTest, IntrinsicsThatNoLensHasAreRefused) {
   Model model = Written(SmallDrive());
-  for (const int i :
-       FindCameraModel(static_cast<int32_t>(model.cameras[0].model))
-           ->focal_length_idxs) {
+  for (const int i : InfoOf(model.cameras[0].model).focal_length_idxs) {
     model.cameras[0].params[i] = 50.0 * model.cameras[0].width_px;
   }
   EXPECT_THAT(ErrorOfLoading(model),

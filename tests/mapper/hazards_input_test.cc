@@ -174,8 +174,7 @@ TEST(Hazards, Hazard20NoCameraHasAPriorFocalLength) {
   const std::vector<Camera> true_cameras = drive.contents.cameras;
   for (Camera& camera : drive.contents.cameras) {
     camera.has_prior_focal_length = false;
-    for (const int k : FindCameraModel(static_cast<int32_t>(camera.model))
-                           ->focal_length_idxs) {
+    for (const int k : InfoOf(camera.model).focal_length_idxs) {
       camera.params[k] *= 1.08;
     }
   }

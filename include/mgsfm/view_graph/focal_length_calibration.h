@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cmath>
 #include <optional>
 #include <string>
 #include <vector>
@@ -90,6 +91,13 @@ struct FocalLengthOptions {
 // 120 degrees are equally likely. A more certain estimate is a better start
 // even if it is not accepted.
 constexpr double kSigmaOfFocalLengthGuess = 0.4;
+// The standard deviation of principal points, in larger image sides: those of
+// recorded cameras are off by 1 to 3 %.
+constexpr double kSigmaOfPrincipalPoint = 0.02;
+// The logarithm of the largest factor on focal lengths that is searched.
+// Farther from the known value, the linearization of a measurement is invalid,
+// and the motion does not determine a focal length.
+inline const double kMaxLogFocalFactor = std::log(2.5);
 
 struct FocalLengthEstimate {
   int camera_idx = 0;

@@ -151,8 +151,7 @@ OpenCvCamera ToEquidistantCamera(const ExportInput& input, int camera_idx,
                                  const CalibrationFormat& format) {
   constexpr double kMaxFitErrorPx = 0.5;
   const Camera& camera = input.model.cameras[camera_idx];
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   auto fit = FitEquidistant(camera, info);
   if (fit && fit->max_error_px <= kMaxFitErrorPx) {
     fit->camera.fit =
@@ -173,8 +172,7 @@ OpenCvCamera ToEquidistantCamera(const ExportInput& input, int camera_idx,
 OpenCvCamera ToOpenCvCamera(const ExportInput& input, int camera_idx,
                             const CalibrationFormat& format) {
   const Camera& camera = input.model.cameras[camera_idx];
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   const auto* distortion = std::find_if(
       std::begin(kDistortions), std::end(kDistortions),
       [&](const Distortion& entry) { return entry.model == camera.model; });

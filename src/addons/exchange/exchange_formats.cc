@@ -65,8 +65,7 @@ std::string NumberList(const std::vector<double>& values) {
 }
 
 Eigen::Vector2d PrincipalPoint(const Camera& camera) {
-  const std::vector<int>& idxs =
-      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  const std::vector<int>& idxs = InfoOf(camera.model).principal_point_idxs;
   return {camera.params[idxs[0]], camera.params[idxs[1]]};
 }
 

@@ -36,8 +36,7 @@ RadialCamera ToRadialCamera(const ExportInput& input, int camera_idx,
                             const std::string& format,
                             int max_num_coefficients) {
   const Camera& camera = input.model.cameras[camera_idx];
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   const bool is_radial = camera.model == CameraModelId::kSimplePinhole ||
                          camera.model == CameraModelId::kPinhole ||
                          camera.model == CameraModelId::kSimpleRadial ||

@@ -148,27 +148,28 @@ std::string ThemedColumns(const std::string& svg, const std::string& label,
       whole.substr(height_at, whole.find('\'', height_at) - height_at);
   const std::string id = "chart_" + label.substr(0, label.find(' '));
   const std::string width = FormatNumber(columns.width, 2);
-  std::string html = "<figure class=\"chart columns\">";
   const size_t num_columns = static_cast<size_t>(columns.max_num);
   const size_t num_rows = (num_panels + num_columns - 1) / num_columns;
   const double panel_height =
       (ParseDouble(height).value_or(0.0) - columns.top) /
       static_cast<double>(num_rows);
-  for (size_t i = 0; i < num_panels; ++i) {
+  const auto panel = [&](size_t i) {
     const double x =
         columns.first_x + columns.width * static_cast<double>(i % num_columns);
     const size_t row = i / num_columns;
     const double y = columns.top + panel_height * static_cast<double>(row);
     const double head = i == 0 ? columns.top : 0.0;
-    html += "<svg role='img' aria-label='" + label + "' width='" + width +
-            "' viewBox='" + FormatNumber(x, 2) + " " +
-            FormatNumber(y - head, 2) + " " + width + " " +
-            FormatNumber(panel_height + head, 2) +
-            "' font-family='sans-serif' font-size='13' fill='currentColor'>" +
-            (i == 0 ? "<g id='" + id + "'>" + body + "</g>"
-                    : "<use href='#" + id + "'/>") +
-            "</svg>\n";
-  }
+    return "<svg role='img' aria-label='" + label + "' width='" + width +
+           "' viewBox='" + FormatNumber(x, 2) + " " +
+           FormatNumber(y - head, 2) + " " + width + " " +
+           FormatNumber(panel_height + head, 2) +
+           "' font-family='sans-serif' font-size='13' fill='currentColor'>" +
+           (i == 0 ? "<g id='" + id + "'>" + body + "</g>"
+                   : "<use href='#" + id + "'/>") +
+           "</svg>\n";
+  };
+  std::string html = "<figure class=\"chart columns\">";
+  for (size_t i = 0; i < num_panels; ++i) html += panel(i);
   return html + "</figure>\n";
 }
 

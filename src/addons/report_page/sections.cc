@@ -54,15 +54,13 @@ std::string SensorTable(const PageModel& model) {
     const SensorStatistics& s = model.statistics.sensors[i];
     const Camera& camera =
         model.input.reconstruction.cameras[scene.sensors[i].camera_idx];
-    const CameraModelInfo* info =
-        FindCameraModel(static_cast<int32_t>(camera.model));
     const auto params = Transformed(
         camera.params, [](double value) { return Number(value, 4); });
     rows.push_back(
         {Text(scene.sensors[i].name.empty() ? "images" : scene.sensors[i].name),
          Share(s.num_registered, s.num_images), Count(s.errors.num_points),
          CoverageCell(s), Number(s.errors.MeanErrorPx(), 3),
-         std::string(info ? info->name : "?") + " " +
+         std::string(InfoOf(camera.model).name) + " " +
              Count(static_cast<size_t>(camera.width_px)) + "&times;" +
              Count(static_cast<size_t>(camera.height_px)),
          Joined(params, ", "), FocalLengthCell(model, camera)});

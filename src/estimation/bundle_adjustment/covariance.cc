@@ -162,9 +162,9 @@ std::optional<IntrinsicSigmas> ComputeAllIntrinsicSigmas(
       scene, reconstruction, LossScalePx(options, sigma_px));
   IntrinsicSigmas sigmas;
   sigmas.of_residuals.resize(scene.cameras.size());
-  for (size_t i = 0; i < built.camera_idxs.size(); ++i) {
-    sigmas.of_residuals[built.camera_idxs[i]].resize(
-        scene.cameras[built.camera_idxs[i]].params.size(), 0.0);
+  for (const int camera_idx : built.camera_idxs) {
+    sigmas.of_residuals[camera_idx].resize(
+        scene.cameras[camera_idx].params.size(), 0.0);
   }
   sigmas.total = sigmas.of_residuals;
   for (size_t i = 0; i < built.camera_idxs.size(); ++i) {

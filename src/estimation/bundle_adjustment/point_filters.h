@@ -13,6 +13,7 @@
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 
@@ -52,10 +53,6 @@ double ReprojectionError(const Scene& scene,
 
 // Selection of points and observations. No function changes a pose or moves a
 // point. Observations in images without a pose are always removed.
-
-// A lower bound on the keypoint noise. Keypoint detectors do not localize
-// better, and the noise of exact (synthetic) keypoints must not become zero.
-constexpr double kMinKeypointSigmaPx = 0.05;
 
 // Reprojection errors in pixels of all observations in registered images, point
 // by point; infinite if the camera cannot see the point.

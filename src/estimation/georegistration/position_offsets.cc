@@ -312,7 +312,7 @@ PositionOffsets EstimatePositionOffsets(const Scene& scene,
   const OffsetFit fit(samples, is_metric);
   const Information information = fit.Inform();
   if (information.TellsClock(information.LeverBasis(true))) {
-    const PositionOffsets offsets = EstimateTogether(fit, information);
+    PositionOffsets offsets = EstimateTogether(fit, information);
     if (AreSignificant(offsets)) return offsets;
   }
   return EstimateEach(fit, information);

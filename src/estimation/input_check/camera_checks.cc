@@ -128,9 +128,6 @@ constexpr int kFewPairs = 40;
 // The relative error that all pairs share. It reaches 6 % on correct recordings
 // (docs/results/input_check.md).
 constexpr double kSharedSigmaOfPairs = 0.036;
-// Farther from the known value, the linearization is invalid, and the motion
-// does not determine a focal length.
-const double kMaxLogFactor = std::log(2.5);
 
 double SigmaOf(const FocalLengthMeasurement& m) {
   return std::hypot(m.sigma, kSharedSigmaOfPairs);
@@ -143,7 +140,7 @@ double FocalLengthPx(const Camera& camera) {
 bool IsWrong(const Scene& scene, const FocalLengthMeasurement& m) {
   const double error = std::abs(m.log_factor);
   return scene.cameras[m.camera_idx].has_prior_focal_length &&
-         error < kMaxLogFactor && error > kRareErrorInSigmas * SigmaOf(m);
+         error < kMaxLogFocalFactor && error > kRareErrorInSigmas * SigmaOf(m);
 }
 
 Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {

@@ -15,18 +15,16 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/view_graph/focal_length_calibration.h"
 #include "scene/intrinsics_check.h"
 
 namespace mgsfm {
 namespace {
 
-// Standard deviations of lenses about a lens without distortion and with a
-// centered principal point. The principal points of recorded cameras are off by
-// 1 to 3 % of the larger image side; radial parameters of wide perspective
-// lenses reach -0.4 and 0.2, those of fisheyes a tenth, and decentering 0.001.
-// Focal lengths in EXIF are rounded and nominal; they are worse for zooms and
-// cropped videos.
-constexpr double kPrincipalPointSigma = 0.02;
+// Standard deviations of lenses about a lens without distortion. Radial
+// parameters of wide perspective lenses reach -0.4 and 0.2, those of fisheyes a
+// tenth, and decentering 0.001. Focal lengths in EXIF are rounded and nominal;
+// they are worse for zooms and cropped videos.
 constexpr double kSigmaOfExif = 0.1;
 constexpr double kPerspectiveSigmas[] = {0.3, 0.15, 2e-3, 2e-3};
 constexpr double kFisheyeSigmas[] = {0.1, 0.05, 0.02, 0.01};
@@ -79,7 +77,7 @@ std::vector<double> PriorSigmas(const Camera& camera, const Camera& start,
   if (options.refine_principal_point != RefineMode::kNo) {
     for (const int i : info.principal_point_idxs) {
       sigmas[i] =
-          kPrincipalPointSigma * std::max(camera.width_px, camera.height_px);
+          kSigmaOfPrincipalPoint * std::max(camera.width_px, camera.height_px);
     }
   }
   if (options.refine_extra_params != RefineMode::kNo) {

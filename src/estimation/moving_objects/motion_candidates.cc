@@ -14,68 +14,6 @@ namespace mgsfm {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-MeasuredMotion MeasuredMotionOf(const Rigid3& pose,
-                                const PoseMatrix& covariance,
-                                bool is_reversed) {
-  const Matrix3d inverse = pose.rotation.conjugate().toRotationMatrix();
-  const Matrix3d of_rotation = covariance.topLeftCorner<3, 3>();
-  if (is_reversed) {
-    return {pose.Inverse(), inverse * of_rotation * inverse.transpose(),
-            covariance.bottomRightCorner<3, 3>()};
-  }
-  // The center -R^T t changes by R^T (w x t - dt).
-  Eigen::Matrix<double, 3, 6> by_pose;
-  by_pose << CrossMatrix(pose.translation), Matrix3d::Identity();
-  by_pose = -inverse * by_pose;
-  return {pose, of_rotation, by_pose * covariance * by_pose.transpose()};
-}
-
-MeasuredMotion Compose(const MeasuredMotion& second,
-                       const MeasuredMotion& first) {
-  const Matrix3d rotation1 =
-      first.later_from_earlier.rotation.toRotationMatrix();
-  const Matrix3d rotation2 =
-      second.later_from_earlier.rotation.toRotationMatrix();
-  const Matrix3d lever = CrossMatrix(second.later_from_earlier.Center());
-  return {second.later_from_earlier * first.later_from_earlier,
-          second.rotation_covariance +
-              rotation2 * first.rotation_covariance * rotation2.transpose(),
-          first.center_covariance +
-              rotation1.transpose() *
-                  (second.center_covariance +
-                   lever * first.rotation_covariance * lever.transpose()) *
-                  rotation1};
-}
-
-MeasuredMotion MeasuredMotion::Inverse() const {
-  const Matrix3d rotation = later_from_earlier.rotation.toRotationMatrix();
-  return {later_from_earlier.Inverse(),
-          rotation.transpose() * rotation_covariance * rotation,
-          rotation * center_covariance * rotation.transpose()};
-}
-
-Velocity VelocityOf(const MeasuredMotion& motion, double duration) {
-  const double squared_duration = duration * duration;
-  return {motion.later_from_earlier.Center() / duration,
-          LogSO3(motion.later_from_earlier.rotation) / duration,
-          motion.center_covariance / squared_duration,
-          motion.rotation_covariance / squared_duration};
-}
-
-MeasuredMotion MotionOf(const Velocity& velocity, double duration) {
-  const double squared_duration = duration * duration;
-  return {Rigid3::FromRotationAndCenter(ExpSO3(duration * velocity.angular_rad),
-                                        duration * velocity.linear),
-          squared_duration * velocity.angular_covariance,
-          squared_duration * velocity.linear_covariance};
-}
-
-double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {
-  const double squared_length = vector.squaredNorm();
-  return squared_length > 0.0 ? vector.dot(covariance * vector) / squared_length
-                              : 0.0;
-}
-
 namespace {
 
 // The thresholds of this file at half and twice their values are compared in
@@ -87,10 +25,6 @@ constexpr double kRelativeChange = 0.1;
 // An additional change of speed per step, relative to the median speed, so that
 // a rig can stop at walking pace.
 constexpr double kMinChange = 0.03;
-// Change of the angular velocity per step, in addition to the typical change in
-// the recording: the tolerance of agreement, so that errors do not count as
-// changes.
-constexpr double kMinTurnChange_rad = DegToRad(1.0);
 // The longest distance to try is twice this quantile of the measured distances:
 // most may belong to objects at a constant distance, a few to mismatches.
 constexpr double kLongQuantile = 0.9;
@@ -99,10 +33,9 @@ constexpr double kLongQuantile = 0.9;
 constexpr double kDistanceSpacing = 0.8;
 // Bounds the cost where most measured distances are zero.
 constexpr double kMaxNumDistances = 200.0;
-// A competing motion continues in an adjacent step within 95 % of the changes.
-constexpr double kMaxSquaredChange = 6.0;
 // Motions agree within kRelativeTolerance, this fraction of the median step,
-// and this angle.
+// and this angle. Turns may change by the same angle per step, in addition to
+// the typical change in the recording, so that errors do not count as changes.
 constexpr double kMinTolerance = 0.04;
 constexpr double kMaxAngle_rad = DegToRad(1.0);
 // 99 % of the differences of two measurements of one vector of three normal
@@ -392,104 +325,6 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
 
 namespace {
 
-// The motion with the largest share. nullptr if there is none.
-const Candidate* Strongest(const std::vector<Candidate>& candidates) {
-  const auto strongest = std::max_element(
-      candidates.begin(), candidates.end(),
-      [](const auto& a, const auto& b) { return a.share < b.share; });
-  return strongest == candidates.end() ? nullptr : &*strongest;
-}
-
-// Whether a candidate has support and differs from a motion.
-bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
-                   const MotionNoise& noise) {
-  return candidate.own_share >= kContestingShare &&
-         !AreEqualMotions(
-             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
-             noise);
-}
-
-// A free distance may be that of any motion of the step with a distance, unless
-// the matches contradict it: matches with parallax exclude that an image pair
-// shows an object at a constant distance. The motion from correspondences with
-// depth may be better than that from image pairs.
-std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
-                                    const Candidate& candidate) {
-  std::vector<Rigid3> motions{steps.MotionOf(k, candidate).later_from_earlier};
-  if (candidate.by_depth) {
-    motions.push_back(candidate.by_depth->later_from_earlier);
-  }
-  if (!candidate.free_direction) return motions;
-  for (const Candidate& other : steps.candidates[k]) {
-    if (other.free_direction) continue;
-    const Rigid3 motion = candidate.ClosestTo(other.later_from_earlier.Center())
-                              .later_from_earlier;
-    if (steps.compare(k, motions[0], motion).unexplained < kContestingShare) {
-      motions.push_back(motion);
-    }
-  }
-  return motions;
-}
-
-// Whether the matches of a step exclude that two candidates are the same
-// motion.
-bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
-                      const Candidate& b) {
-  if (!steps.compare) return true;
-  for (const Rigid3& motion_a : PossibleMotions(steps, k, a)) {
-    for (const Rigid3& motion_b : PossibleMotions(steps, k, b)) {
-      if (steps.compare(k, motion_a, motion_b).share < kContestingShare) {
-        return false;
-      }
-    }
-  }
-  return true;
-}
-
-bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
-             const Candidate& strongest) {
-  const MeasuredMotion motion = steps.MotionOf(k, strongest);
-  return IsOtherMotion(candidate, motion, steps.noise) &&
-         ExcludeEachOther(steps, k, candidate, strongest);
-}
-
-// Whether a competing motion continues in an adjacent step, since objects
-// persist and errors do not. It must compete there, too, or explain the motion
-// there significantly better than the strongest motion.
-bool Continues(const Steps& steps, const Velocity& rival,
-               const Velocity& strongest, size_t neighbor) {
-  if (!steps.HasCandidates(neighbor)) return false;
-  const std::vector<Candidate>& candidates = steps.candidates[neighbor];
-  const auto change = [&](const Velocity& from, const Candidate& to) {
-    return SquaredChange(from, steps.VelocityAfter(from.linear, neighbor, to),
-                         steps.noise);
-  };
-  return AnyOf(candidates, [&](const Candidate& candidate) {
-    const double of_rival = change(rival, candidate);
-    return of_rival <= kMaxSquaredChange &&
-           (change(strongest, candidate) > of_rival + kMaxSquaredChange ||
-            IsRival(steps, neighbor, candidate, *Strongest(candidates)));
-  });
-}
-
-// Whether matches of an adjacent step show a competing motion that continues.
-// They refine it: the few points of an object leave a turn and a shift open.
-bool IsShown(const Steps& steps, const Velocity& rival, size_t neighbor) {
-  if (!steps.refine || !steps.HasCandidates(neighbor)) return false;
-  const double duration = steps.durations[neighbor];
-  const auto motion =
-      steps.refine(neighbor, MotionOf(rival, duration).later_from_earlier);
-  if (!motion || SquaredChange(rival, VelocityOf(*motion, duration),
-                               steps.noise) > kMaxSquaredChange) {
-    return false;
-  }
-  const Candidate& strongest = *Strongest(steps.candidates[neighbor]);
-  return !AreEqualMotions(
-             strongest.ClosestTo(motion->later_from_earlier.Center()), *motion,
-             steps.noise) &&
-         IsRival(steps, neighbor, {MotionHypothesis{*motion}}, strongest);
-}
-
 // The distances to try for a step of this duration.
 std::vector<double> DistancesToTry(const Steps& steps, double duration) {
   std::vector<double> distances{0.0};
@@ -580,7 +415,7 @@ VelocityChange TypicalChange(const Velocity& a, const Velocity& b,
       kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
           kMinChange * noise.median_step + noise.linear_change,
       kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
-          kMinTurnChange_rad + noise.turn_change_rad};
+          kMaxAngle_rad + noise.turn_change_rad};
 }
 
 double SquaredChange(const Velocity& a, const Velocity& b,
@@ -617,23 +452,6 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
   }
   steps.durations = std::move(durations);
   return steps;
-}
-
-bool HasRivals(const Steps& steps, size_t k) {
-  const std::vector<Candidate>& step = steps.candidates[k];
-  if (step.empty()) return false;
-  const Candidate& strongest = *Strongest(step);
-  const MeasuredMotion motion = steps.MotionOf(k, strongest);
-  const Velocity velocity = VelocityOf(motion, steps.durations[k]);
-  return AnyOf(step, [&](const Candidate& candidate) {
-    const Velocity rival =
-        VelocityOf(candidate.ClosestTo(motion.later_from_earlier.Center()),
-                   steps.durations[k]);
-    return IsRival(steps, k, candidate, strongest) &&
-           (Continues(steps, rival, velocity, k - 1) ||
-            Continues(steps, rival, velocity, k + 1) ||
-            IsShown(steps, rival, k - 1) || IsShown(steps, rival, k + 1));
-  });
 }
 
 std::vector<Candidate> TryDistances(const Steps& steps, size_t k) {

@@ -13,6 +13,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "moving_objects/motion_candidates.h"
+#include "moving_objects/motion_rivals.h"
 #include "moving_objects/motion_search.h"
 
 namespace mgsfm {

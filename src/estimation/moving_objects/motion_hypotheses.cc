@@ -20,10 +20,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
 
-// Fewer matches are no evidence of a motion of their own: three determine it,
-// and each of the others agrees by chance with a probability of about 1e-3.
-constexpr size_t kMinNumExclusive = 8;
-
 // The matches that agree with either of two motions.
 struct AgreementCounts {
   size_t num_both = 0, num_only1 = 0, num_only2 = 0;
@@ -34,7 +30,7 @@ struct AgreementCounts {
     num_only2 += agrees2 && !agrees1 ? 1 : 0;
   }
   static double Share(size_t num_only, size_t num_all) {
-    return num_only < kMinNumExclusive
+    return num_only < kMinNumAgreeing
                ? 0.0
                : static_cast<double>(num_only) / static_cast<double>(num_all);
   }

@@ -23,9 +23,6 @@ using Eigen::Vector3d;
 // The static scene, one vehicle and one more object. With one or six, mean
 // errors change by at most 2 % (docs/results/constants.md).
 constexpr size_t kMaxNumMotions = 3;
-// Three of them determine the motion. Each of the others agrees by chance with
-// a probability of about 1e-3.
-constexpr size_t kMinNumAgreeing = 8;
 // Share of the correspondences of a motion that no motion before it explains.
 // Half or twice the value changes mean errors by at most 2 %
 // (docs/results/constants.md).
@@ -39,8 +36,6 @@ constexpr int kMaxNumTrials = 300;
 // Bounds of the refinement before its last round, in units of max_error_px. An
 // interpolated motion is wrong by about a degree.
 constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0};
-// Loss scale relative to the bound, as in RANSAC (geometry/absolute_pose.h).
-constexpr double kRefinementLossScale = 0.5;
 // Depths agree within a factor of 1.5, however certain both are.
 const double kLogDepthTolerance = std::log(1.5);
 
@@ -292,7 +287,7 @@ std::optional<MeasuredMotion> RefineRigMotion(
     std::vector<CameraPoints> near = all.cameras;
     KeepRays(pose, bound, /*keep_agreeing=*/true, &near);
     if (CountRays(near) < kMinNumAgreeing) return false;
-    minimize(near, kRefinementLossScale * bound, &pose);
+    minimize(near, kInlierLossScale * bound, &pose);
     return true;
   };
   for (const double bound : kRefinementBounds) {

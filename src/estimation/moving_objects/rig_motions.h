@@ -36,6 +36,10 @@ namespace mgsfm {
 //
 // Cost: RANSAC on a few hundred correspondences per motion.
 
+// Fewer matches are no evidence of a motion of their own: three determine it,
+// and each of the others agrees by chance with a probability of about 1e-3.
+inline constexpr size_t kMinNumAgreeing = 8;
+
 // What pairs within frames tell about cameras and keypoints, in one unit of
 // length.
 struct FrameDepths {

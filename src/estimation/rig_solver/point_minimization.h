@@ -85,8 +85,6 @@ MGSFM_ALWAYS_INLINE bool ModelPoint(const PassInput<R>& in,
 // d = -H^-1 g. False if H is not positive definite to working precision.
 MGSFM_ALWAYS_INLINE bool SolvePoint(const PointHessian& H, const double* g,
                                     double* d) {
-  // Smaller pivots are due to rounding.
-  constexpr double kMinRatio = 1e-15;
   const double* v = H.values;
   PointFactor f;
   f.inverse0 = 1.0 / std::sqrt(v[0]);
@@ -98,7 +96,7 @@ MGSFM_ALWAYS_INLINE bool SolvePoint(const PointHessian& H, const double* g,
   const double pivot2 = v[5] - f.l20 * f.l20 - f.l21 * f.l21;
   f.inverse2 = 1.0 / std::sqrt(pivot2);
   // Also false if a value is not a number.
-  if (!(v[0] > 0.0 && pivot1 > kMinRatio * v[2] && pivot2 > kMinRatio * v[5])) {
+  if (!(v[0] > 0.0 && pivot1 > kMinPivot * v[2] && pivot2 > kMinPivot * v[5])) {
     return false;
   }
   for (int i = 0; i < 3; ++i) d[i] = -g[i];

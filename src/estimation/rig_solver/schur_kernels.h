@@ -42,6 +42,9 @@ struct PointFactor {
   double inverse0, inverse1, inverse2;
 };
 
+// Smaller pivots, relative to the diagonal, are due to rounding.
+inline constexpr double kMinPivot = 1e-15;
+
 // D of a point; see rig_equations.h.
 MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PointHessian& hessian,
                                          double* D) {
@@ -54,8 +57,6 @@ MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PointHessian& hessian,
 template <class R>
 MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PassInput<R>& in,
                                             const PointHessian& hessian) {
-  // Smaller pivots are due to rounding.
-  constexpr double kMinRatio = 1e-15;
   const double* v = hessian.values;
   double D[3];
   DiagonalOfPoint(hessian, D);
@@ -66,10 +67,10 @@ MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PassInput<R>& in,
   f.inverse0 = 1.0 / std::sqrt(d0);
   f.l10 = v[1] * f.inverse0;
   f.l20 = v[3] * f.inverse0;
-  f.inverse1 = 1.0 / std::sqrt(std::max(d1 - f.l10 * f.l10, kMinRatio * d1));
+  f.inverse1 = 1.0 / std::sqrt(std::max(d1 - f.l10 * f.l10, kMinPivot * d1));
   f.l21 = (v[4] - f.l20 * f.l10) * f.inverse1;
   f.inverse2 = 1.0 / std::sqrt(std::max(d2 - f.l20 * f.l20 - f.l21 * f.l21,
-                                        kMinRatio * d2));
+                                        kMinPivot * d2));
   return f;
 }
 
@@ -523,7 +524,7 @@ MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
                                        const ChunkRanges& chunk, size_t point,
                                        size_t begin, size_t end,
                                        SchurWorkspace* w) {
-  constexpr double kNoGradient[3] = {0.0, 0.0, 0.0};
+  constexpr double kNoGradient[3] = {};
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
   // Differs from every point index.

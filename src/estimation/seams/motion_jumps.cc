@@ -13,8 +13,6 @@
 namespace mgsfm {
 namespace {
 
-// The bound on the baselines of pairs (pair_filtering.h).
-constexpr double kMaxRelativeError = 0.5;
 // The expected motion is less certain where a rig brakes: with 0.2, the end of
 // a correct drive was a jump.
 constexpr double kMinErrorInSteps = 1.0;
@@ -192,7 +190,7 @@ ComparedMotions CompareMotions(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph,
     const std::vector<std::optional<Rigid3>>& expected,
-    const Reconstruction& reconstruction) {
+    const Reconstruction& reconstruction, double max_relative_error) {
   if (expected.empty()) return {};
   const Baselines baselines =
       CollectBaselines(scene, index, view_graph, expected, reconstruction);
@@ -214,7 +212,7 @@ ComparedMotions CompareMotions(
   for (size_t k = 0; k < errors.size(); ++k) {
     const Step& step = baselines.steps[k];
     const StepError& error = errors[k];
-    if (error.error > std::max(min_error, kMaxRelativeError * error.longer)) {
+    if (error.error > std::max(min_error, max_relative_error * error.longer)) {
       jumps.push_back(&step);
     } else if (error.Relative() <= kMaxErrorOfConfirmed) {
       confirmed.push_back(&step);

@@ -40,12 +40,13 @@ struct ComparedMotions {
 // lengths. For image pairs of equal sensors, the median counts. A rig does not
 // stop or turn from one frame to the next: where both motions differ, the
 // smoother one is correct. The expected motion, too, may come from an object
-// that moves along with the rig. Empty without expected poses. Cost: linear in
-// the pairs, and in the jumps times the confirmed pairs.
+// that moves along with the rig. `max_relative_error` is the bound on the
+// baselines of pairs (pair_filtering.h). Empty without expected poses. Cost:
+// linear in the pairs, and in the jumps times the confirmed pairs.
 [[nodiscard]] ComparedMotions CompareMotions(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph,
     const std::vector<std::optional<Rigid3>>& expected,
-    const Reconstruction& reconstruction);
+    const Reconstruction& reconstruction, double max_relative_error);
 
 }  // namespace mgsfm

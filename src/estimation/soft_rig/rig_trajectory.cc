@@ -70,12 +70,8 @@ size_t RigTrajectory::SegmentAt(double time_s) const {
 }
 
 double RigTrajectory::MedianInterval() const {
-  if (poses_.size() < 2) return std::numeric_limits<double>::infinity();
-  std::vector<double> intervals_s;
-  for (size_t k = 1; k < times_s_.size(); ++k) {
-    intervals_s.push_back(times_s_[k] - times_s_[k - 1]);
-  }
-  return Median(std::move(intervals_s));
+  return MedianDifference(times_s_).value_or(
+      std::numeric_limits<double>::infinity());
 }
 
 PoseVector RigTrajectory::VelocityAt(double time_s) const {

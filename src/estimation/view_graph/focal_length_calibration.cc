@@ -16,6 +16,7 @@
 #include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
+#include "scene/observations.h"
 #include "view_graph/focal_pair.h"
 
 namespace mgsfm {
@@ -34,14 +35,11 @@ constexpr size_t kMinNumMatches = 30;
 // 2.5, each 1.14 times the previous one. Gauss-Newton corrects a remaining
 // error of 7 %.
 constexpr int kNumFactors = 15;
-const double kMaxLogFactor = std::log(2.5);
 // Distortions of the initial search, at the corner of the image: wide lenses
 // have -0.3.
 constexpr std::array<double, 4> kDistortions = {0.0, -0.15, -0.3, 0.1};
-// Standard deviations of distortions, and of principal points in larger image
-// sides. Known ones are constant.
+// Standard deviation of distortions. Known ones are constant.
 constexpr double kSigmaOfDistortion = 0.2;
-constexpr double kSigmaOfPrincipalPoint = 0.02;
 constexpr double kSigmaOfConstant = 1e-6;
 // An estimate that exceeds the searched range by more than a fifth has
 // diverged.
@@ -61,9 +59,6 @@ constexpr double kMinStepOfMeasurement = 3e-2;
 // factor. Correct pairs have about equal medians, because detectors have one
 // accuracy.
 constexpr double kOutlierFactor = 3.0;
-// Lower bound of the keypoint noise; keeps exact (simulated) data from
-// rejecting pairs and from zero variances.
-constexpr double kMinSigmaPx = 0.05;
 // Damping of poses, relative and absolute, which only acts on directions that
 // no match determines.
 constexpr double kPoseDamping = 1e-9;
@@ -217,7 +212,7 @@ LensOffset SearchLens(const std::vector<FocalPair>& pairs,
   constexpr size_t kSize = kDistortions.size() * kNumFactors;
   const auto lens_at = [&](size_t cell) {
     const int i = static_cast<int>(cell % kNumFactors);
-    return LensOffset(kMaxLogFactor * (i - kMiddle) / kMiddle,
+    return LensOffset(kMaxLogFocalFactor * (i - kMiddle) / kMiddle,
                       kDistortions[cell / kNumFactors], 0.0, 0.0);
   };
   const bool is_distorted = unknowns.cameras[unknowns.camera_idxs[c]].model ==
@@ -393,7 +388,7 @@ std::vector<FocalPair> DropOutliers(std::vector<FocalPair> pairs) {
   const std::vector<double> medians = Transformed(
       pairs, [&](const FocalPair& pair) { return Median(pair.Residuals()); });
   const double max_median =
-      kOutlierFactor * std::max(Median(medians), kMinSigmaPx);
+      kOutlierFactor * std::max(Median(medians), kMinKeypointSigmaPx);
   std::vector<FocalPair> kept;
   for (size_t k = 0; k < pairs.size(); ++k) {
     if (medians[k] <= max_median) kept.push_back(std::move(pairs[k]));
@@ -414,7 +409,7 @@ Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
     images.insert({pair.image_idx1(), pair.image_idx2()});
   }
   const double sigma_px =
-      std::max(RobustSigma<1>(std::move(residuals)), kMinSigmaPx);
+      std::max(RobustSigma<1>(std::move(residuals)), kMinKeypointSigmaPx);
   const double pairs_per_image = 2.0 * static_cast<double>(pairs.size()) /
                                  static_cast<double>(images.size());
   const double variance = sigma_px * sigma_px * std::max(1.0, pairs_per_image);
@@ -431,7 +426,7 @@ Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
 }
 
 bool IsDiverged(double s) {
-  return std::abs(s) > kMaxRelativeLogFactor * kMaxLogFactor;
+  return std::abs(s) > kMaxRelativeLogFactor * kMaxLogFocalFactor;
 }
 
 // Why the estimate is not accepted; empty if it is accepted.

@@ -21,7 +21,9 @@ using Eigen::Vector3d;
 // Steps of forward differences, which balance truncation and rounding.
 constexpr double kPoseStep = 1e-6;
 constexpr double kLensStep = 1e-5;
-constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kFocalLossScalePx};
+// The keypoint error up to which the loss is nearly quadratic.
+constexpr double kLossScalePx = 1.0;
+constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kLossScalePx};
 
 // First-order (Sampson) distance in pixels. Matches without rays and those at
 // both epipoles, which constrain nothing, have residual 0.
@@ -99,8 +101,10 @@ FocalPair::FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
   const size_t num_used = std::min(size_t{200}, pair.matches.size());
   for (size_t i = 0; i < num_used; ++i) {
     const Match& match = pair.matches[i * pair.matches.size() / num_used];
-    pixels1_.push_back(image1.keypoints_px[match.keypoint_idx1].cast<double>());
-    pixels2_.push_back(image2.keypoints_px[match.keypoint_idx2].cast<double>());
+    pixels1_.emplace_back(
+        image1.keypoints_px[match.keypoint_idx1].cast<double>());
+    pixels2_.emplace_back(
+        image2.keypoints_px[match.keypoint_idx2].cast<double>());
   }
 }
 

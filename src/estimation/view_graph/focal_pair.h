@@ -15,9 +15,6 @@ namespace mgsfm::internal {
 // One image pair in the calibration of focal lengths; see
 // mgsfm/view_graph/focal_length_calibration.h.
 
-// The keypoint error up to which the loss is nearly quadratic.
-constexpr double kFocalLossScalePx = 1.0;
-
 // A lens relative to a camera: the logarithm of the factor on its focal
 // lengths; for SIMPLE_DIVISION, the distortion k r^2 at the corner of the
 // image, so that the two are nearly uncorrelated; and the offset of the

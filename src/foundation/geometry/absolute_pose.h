@@ -43,6 +43,10 @@ struct CameraPoints {
 // keypoint observes: one pixel each for a bound of four.
 inline constexpr double kKeypointSigma = 0.35;
 
+// The loss scale relative to the largest error of inliers: it keeps them in the
+// quadratic range and downweights those near the bound.
+inline constexpr double kInlierLossScale = 0.5;
+
 // Whether r <= 1 for one ray. The point and the displacement by one standard
 // deviation of its depth are in the camera frame.
 bool IsRayInlier(const Eigen::Vector3d& point,

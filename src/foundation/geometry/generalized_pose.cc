@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/absolute_pose.h"
 #include "geometry/pose_refinement.h"
 #include "mgsfm/base/mask.h"
 

@@ -35,10 +35,6 @@ class LogSum {
   double sum_ = 0.0;
 };
 
-// The loss scale relative to the largest error of inliers: it keeps them in the
-// quadratic range and downweights those near the bound.
-inline constexpr double kInlierLossScale = 0.5;
-
 struct PoseStepOptions {
   int max_num_iterations = 10;
   double relative_cost_tolerance = 1e-6;

@@ -22,6 +22,15 @@ double Median(std::vector<double> values) {
   return Quantile(std::move(values), 0.5);
 }
 
+std::optional<double> MedianDifference(const std::vector<double>& values) {
+  if (values.size() < 2) return std::nullopt;
+  std::vector<double> differences;
+  for (size_t i = 1; i < values.size(); ++i) {
+    differences.push_back(values[i] - values[i - 1]);
+  }
+  return Median(std::move(differences));
+}
+
 Eigen::Vector3d MedianOfCoordinates(
     const std::vector<Eigen::Vector3d>& vectors) {
   Eigen::Vector3d median;

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace mgsfm {
@@ -13,6 +14,9 @@ double Quantile(std::vector<double> values, double q);
 
 // Quantile(values, 0.5).
 double Median(std::vector<double> values);
+
+// The median difference of consecutive values; nullopt for fewer than two.
+std::optional<double> MedianDifference(const std::vector<double>& values);
 
 // A median of five tolerates two outliers.
 inline constexpr size_t kMinNumOfMedian = 5;

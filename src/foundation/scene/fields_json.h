@@ -31,7 +31,7 @@ class JsonFields {
     if constexpr (kHasFields<T>) {
       return ToJson(value.Fields());
     } else if constexpr (std::is_same_v<T, CameraModelId>) {
-      return FindCameraModel(static_cast<int32_t>(value))->name;
+      return InfoOf(value).name;
     } else if constexpr (std::is_enum_v<T>) {
       return EnumName(value);
     } else {

@@ -23,10 +23,6 @@ constexpr double kMinScaleOfOtherSize = 1.2;
 // The largest ratio of the scales along the axes of an ordinary lens.
 constexpr double kMaxScaleMismatch = 1.1;
 
-const CameraModelInfo& ModelOf(const Camera& camera) {
-  return *FindCameraModel(static_cast<int32_t>(camera.model));
-}
-
 std::string Text(double value) {
   return FormatDouble(value, std::chars_format::general, 4);
 }
@@ -44,7 +40,7 @@ std::string PrincipalPointText(double x, double y) {
 }
 
 bool HasTwoFocalLengths(const Camera& camera) {
-  const CameraModelInfo& info = ModelOf(camera);
+  const CameraModelInfo& info = InfoOf(camera.model);
   return info.focal_length_idxs.size() == 2 &&
          !info.principal_point_idxs.empty();
 }
@@ -54,7 +50,7 @@ constexpr double kMaxRatioOfFocalLengths = 2.5;
 
 std::optional<std::string> WhyBadFocalLength(const Camera& camera) {
   const double side_px = std::max(camera.width_px, camera.height_px);
-  const std::vector<int>& idxs = ModelOf(camera).focal_length_idxs;
+  const std::vector<int>& idxs = InfoOf(camera.model).focal_length_idxs;
   for (const int i : idxs) {
     const double ratio = camera.params[i] / side_px;
     if (ratio >= kMinFocalLengthRatio && ratio <= kMaxFocalLengthRatio) {
@@ -74,7 +70,7 @@ std::optional<std::string> WhyBadFocalLength(const Camera& camera) {
 }
 
 std::optional<std::string> WhyBadPrincipalPoint(const Camera& camera) {
-  const std::vector<int>& idxs = ModelOf(camera).principal_point_idxs;
+  const std::vector<int>& idxs = InfoOf(camera.model).principal_point_idxs;
   if (idxs.empty()) return std::nullopt;
   const double x = camera.params[idxs[0]], y = camera.params[idxs[1]];
   const bool is_fraction =
@@ -130,13 +126,13 @@ std::string DescribeWithoutRay(const Camera& camera, double share) {
 }
 
 bool HasDistortion(const Camera& camera) {
-  const std::vector<int>& idxs = ModelOf(camera).extra_params_idxs;
+  const std::vector<int>& idxs = InfoOf(camera.model).extra_params_idxs;
   return AnyOf(idxs, [&](int i) { return camera.params[i] != 0.0; });
 }
 
 // Describes a principal point that is the center of images of another size.
 std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
-  const std::vector<int>& idxs = ModelOf(camera).principal_point_idxs;
+  const std::vector<int>& idxs = InfoOf(camera.model).principal_point_idxs;
   if (idxs.empty()) return std::nullopt;
   const double width = 2.0 * camera.params[idxs[0]];
   const double height = 2.0 * camera.params[idxs[1]];
@@ -160,10 +156,10 @@ std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
 std::optional<std::string> WhyInOtherOrder(const Camera& camera) {
   constexpr double kMaxMismatch = 1.05;  // after the swap
   if (!HasTwoFocalLengths(camera)) return std::nullopt;
-  const std::vector<int>& focal_idxs = ModelOf(camera).focal_length_idxs;
+  const std::vector<int>& focal_idxs = InfoOf(camera.model).focal_length_idxs;
   const double fx = camera.params[focal_idxs[0]];
   const double fy = camera.params[focal_idxs[1]];
-  const double cx = camera.params[ModelOf(camera).principal_point_idxs[0]];
+  const double cx = camera.params[InfoOf(camera.model).principal_point_idxs[0]];
   const double center_x = 0.5 * camera.width_px;
   const auto mismatch = [fx](double other) {
     return std::max(fx / other, other / fx);

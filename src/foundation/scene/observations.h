@@ -17,6 +17,10 @@ inline size_t NumObservations(const Reconstruction& reconstruction) {
   return NumObservations(reconstruction.points);
 }
 
+// A lower bound on the keypoint noise. Keypoint detectors do not localize
+// better, and the noise of exact (synthetic) keypoints must not become zero.
+inline constexpr double kMinKeypointSigmaPx = 0.05;
+
 // The observations of each point, as candidates for an adjustment.
 ObservationGroups GroupTracks(const std::vector<Point3D>& points);
 

@@ -73,9 +73,7 @@ std::optional<std::string> WhyImplausible(const Camera& camera) {
       camera.params.data(), static_cast<Eigen::Index>(camera.params.size()));
   if (WhyImplausible(params))
     return "has a parameter that is not finite or beyond 1e15";
-  const CameraModelInfo* model =
-      FindCameraModel(static_cast<int32_t>(camera.model));
-  for (const int i : model->focal_length_idxs) {
+  for (const int i : InfoOf(camera.model).focal_length_idxs) {
     if (!(params[i] > 0.0)) return "has a focal length that is not positive";
   }
   return std::nullopt;

@@ -25,10 +25,6 @@ std::string FolderOrDot(const std::string& image_name) {
   return folder.empty() ? "." : folder;
 }
 
-const CameraModelInfo& ModelOf(const Camera& camera) {
-  return *FindCameraModel(static_cast<int32_t>(camera.model));
-}
-
 // Parses a finite number; `what` names it in errors.
 double ParseNumber(const std::string& text, const std::string& what) {
   const std::optional<double> number = ParseDouble(text);
@@ -38,7 +34,7 @@ double ParseNumber(const std::string& text, const std::string& what) {
 
 void SetParams(const std::vector<std::string>& texts, const std::string& what,
                Camera* camera) {
-  const CameraModelInfo& model = ModelOf(*camera);
+  const CameraModelInfo& model = InfoOf(camera->model);
   if (texts.size() != static_cast<size_t>(model.num_params)) {
     throw Error(what + ": " + std::string(model.name) + " has " +
                 std::to_string(model.num_params) + " parameters, not " +
@@ -264,7 +260,7 @@ Camera CameraAssignment::MakeCamera(
   const double default_focal_length_px =
       options_.default_focal_length_factor * std::max(width, height);
   camera.params =
-      DefaultParams(ModelOf(camera), width, height,
+      DefaultParams(InfoOf(camera.model), width, height,
                     focal_length_px.value_or(default_focal_length_px));
   camera.has_prior_focal_length = focal_length_px.has_value();
   // Tags of some adapters and editors are wrong by orders of magnitude.

@@ -51,8 +51,7 @@ bool IsPerspective(const Camera& camera) {
 Eigen::Matrix3d LinearPart(const Camera& camera) {
   Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
   if (!IsPerspective(camera)) return K;
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   K(0, 0) = camera.params[info.focal_length_idxs.front()];
   K(1, 1) = camera.params[info.focal_length_idxs.back()];
   K(0, 2) = camera.params[info.principal_point_idxs.front()];

@@ -164,8 +164,7 @@ std::vector<double> ScaledParams(const CalibratedCamera& camera,
                 size(of_images.width_px, of_images.height_px) +
                 " px; calibrate it with images as they are used");
   }
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(*camera.model));
+  const CameraModelInfo& info = InfoOf(*camera.model);
   for (const int i : info.focal_length_idxs) params[i] *= scale;
   for (const int i : info.principal_point_idxs) params[i] *= scale;
   return params;
@@ -263,9 +262,8 @@ void Report(const RigInput& input, const std::vector<CalibratedCamera>& cameras,
               std::to_string(prefix->images.size()) + " images)";
     }
     line += ", ";
-    line += camera.model
-                ? FindCameraModel(static_cast<int32_t>(*camera.model))->name
-                : std::string_view("intrinsics of its images");
+    line += camera.model ? InfoOf(*camera.model).name
+                         : std::string_view("intrinsics of its images");
     if (camera.fit_error_px) {
       line += Formatted(" within %.2f px", *camera.fit_error_px);
     }

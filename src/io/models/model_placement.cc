@@ -27,9 +27,7 @@ constexpr double kMaxKeypointDistancePx = 1.0;
 constexpr double kRigidTolerance = 1e-6;
 
 std::string DescribeCamera(const Camera& camera) {
-  const CameraModelInfo* info =
-      FindCameraModel(static_cast<int32_t>(camera.model));
-  return std::string(info->name) + " of " +
+  return std::string(InfoOf(camera.model).name) + " of " +
          SizeText(camera.width_px, camera.height_px) + " px";
 }
 

@@ -37,7 +37,7 @@ constexpr float kBorderNoise_px = 1.0f;
 
 std::string DescribeIntrinsics(CameraModelId model,
                                const std::vector<double>& params) {
-  std::string text(FindCameraModel(static_cast<int32_t>(model))->name);
+  std::string text(InfoOf(model).name);
   for (const double param : params) {
     text += ' ' + FormatDouble(param, std::chars_format::general, 6);
   }

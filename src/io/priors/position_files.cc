@@ -61,12 +61,8 @@ double TimeOf(const Image& image, const std::string& path) {
 
 template <class Sample>
 double MaxGapSeconds(const std::vector<Sample>& samples) {
-  std::vector<double> intervals_s;
-  for (size_t i = 1; i < samples.size(); ++i) {
-    intervals_s.push_back(samples[i].timestamp_s - samples[i - 1].timestamp_s);
-  }
-  if (intervals_s.empty()) return 0.0;
-  return kMaxGapRatio * Median(std::move(intervals_s));
+  const auto times_s = Transformed(samples, &Sample::timestamp_s);
+  return kMaxGapRatio * MedianDifference(times_s).value_or(0.0);
 }
 
 // A time between two samples, as the share of the second.

@@ -219,16 +219,12 @@ std::pair<double, double> TimesOf(const Scene& scene, const Frame& frame) {
 
 // The median time between frames; nullopt if there is one frame only.
 std::optional<double> FrameInterval(const Scene& scene) {
-  std::vector<double> times_s, intervals_s;
+  std::vector<double> times_s;
   for (const Frame& frame : scene.frames) {
     times_s.push_back(TimesOf(scene, frame).first);
   }
   std::sort(times_s.begin(), times_s.end());
-  for (size_t i = 1; i < times_s.size(); ++i) {
-    intervals_s.push_back(times_s[i] - times_s[i - 1]);
-  }
-  if (intervals_s.empty()) return std::nullopt;
-  return Median(std::move(intervals_s));
+  return MedianDifference(times_s);
 }
 
 // Throws Error if images within frames are farther apart than frames are.

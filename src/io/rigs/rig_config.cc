@@ -233,8 +233,7 @@ Json CameraToJson(const RigConfigCamera& camera) {
     json[kTranslation] = {t.x(), t.y(), t.z()};
   }
   if (camera.camera_model) {
-    json[kModel] = std::string(
-        FindCameraModel(static_cast<int32_t>(*camera.camera_model))->name);
+    json[kModel] = std::string(InfoOf(*camera.camera_model).name);
     json[kParams] = camera.camera_params;
   }
   return json;

@@ -213,7 +213,8 @@ std::vector<MapperModel> TestSeams(
     MapperModel model) {
   const auto compare = [&](const MapperModel& adjusted) {
     return CompareMotions(input.scene, index, input.view_graph, pair_on_path,
-                          adjusted.reconstruction);
+                          adjusted.reconstruction,
+                          options.pair_filtering.max_relative_baseline_error);
   };
   const auto confidence_by = [&](const ComparedMotions& motions,
                                  const Mask& pair_is_used,

@@ -91,8 +91,7 @@ std::vector<SimulatedCamera> ScaledRig(std::vector<SimulatedCamera> rig,
                        static_cast<double>(camera.height_px)};
       continue;
     }
-    const CameraModelInfo& info =
-        *FindCameraModel(static_cast<int32_t>(camera.model));
+    const CameraModelInfo& info = InfoOf(camera.model);
     for (const int i : info.focal_length_idxs) camera.params[i] *= scale;
     for (const int i : info.principal_point_idxs) camera.params[i] *= scale;
   }

@@ -66,8 +66,7 @@ std::vector<SimulatedCamera> RigsOf(const SimulationOptions& options,
 std::vector<SimulatedCamera> WithFocalError(std::vector<SimulatedCamera> rig,
                                             double relative_error) {
   for (SimulatedCamera& camera : rig) {
-    const CameraModelInfo& info =
-        *FindCameraModel(static_cast<int32_t>(camera.model));
+    const CameraModelInfo& info = InfoOf(camera.model);
     for (const int i : info.focal_length_idxs) {
       camera.params[i] *= 1.0 + relative_error;
     }

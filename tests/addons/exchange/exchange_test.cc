@@ -195,8 +195,7 @@ std::vector<double> Values(const cv::FileNode& node) {
 // All but the pixels, which count from the center of the first one.
 void ExpectIntrinsics(double fx, double fy, double cx, double cy,
                       const Camera& camera) {
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   EXPECT_EQ(fx, camera.params[info.focal_length_idxs.front()]);
   EXPECT_EQ(fy, camera.params[info.focal_length_idxs.back()]);
   EXPECT_EQ(cx + 0.5, camera.params[info.principal_point_idxs[0]]);

@@ -17,8 +17,7 @@ Simulation DriveWithFactor(double factor, PathPreset path) {
   Simulation drive = SoundDrive(RigPreset::kStereo, path);
   for (Camera& camera : drive.scene.cameras) {
     camera.has_prior_focal_length = true;
-    for (const int i : FindCameraModel(static_cast<int32_t>(camera.model))
-                           ->focal_length_idxs) {
+    for (const int i : InfoOf(camera.model).focal_length_idxs) {
       camera.params[i] *= factor;
     }
   }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "moving_objects/measured_motion.h"
+
 #include <gtest/gtest.h>
 
 #include "geometry/so3.h"
-#include "moving_objects/motion_candidates.h"
 
 namespace mgsfm {
 namespace {

@@ -11,6 +11,7 @@
 
 #include "base/random.h"
 #include "geometry/so3.h"
+#include "moving_objects/motion_rivals.h"
 
 namespace mgsfm {
 namespace {
@@ -137,7 +138,7 @@ Steps StepsWithAnObject(size_t first) {
 
 // Errors do not last, objects do: their matches show them in the next step,
 // with the velocity that they have.
-TEST(MotionCandidatesTest, AnObjectRecursByItsMatches) {
+TEST(MotionRivalsTest, AnObjectRecursByItsMatches) {
   for (const size_t first : {size_t{0}, size_t{4}, kNumSteps - 2}) {
     Steps steps = StepsWithAnObject(first);
     double exclusion = 0.2;
@@ -162,7 +163,7 @@ TEST(MotionCandidatesTest, AnObjectRecursByItsMatches) {
 
 // Matches that show the motion of the scene, another one, or none, show no
 // object.
-TEST(MotionCandidatesTest, OtherMotionsShowNoObject) {
+TEST(MotionRivalsTest, OtherMotionsShowNoObject) {
   Steps steps = StepsWithAnObject(4);
   steps.compare = [](size_t, const Rigid3&, const Rigid3&) {
     return MotionExclusion{0.2, 0.2, 0};
@@ -178,7 +179,7 @@ TEST(MotionCandidatesTest, OtherMotionsShowNoObject) {
 
 // An image pair that leaves the distance open explains every motion along its
 // direction.
-TEST(MotionCandidatesTest, AnOpenDistanceShowsNoObject) {
+TEST(MotionRivalsTest, AnOpenDistanceShowsNoObject) {
   Steps steps = StepsWithAnObject(4);
   steps.candidates[4].back().later_from_earlier = Forward(3.0);
   MotionHypothesis free{{Forward(0.0)}, 0.8, 0.8};

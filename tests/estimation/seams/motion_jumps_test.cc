@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/simulator/simulation.h"
 
 namespace mgsfm {
@@ -112,7 +113,8 @@ class Drive {
     const FramePairIndex index(simulation_.scene, simulation_.view_graph,
                                SequenceMode::kYes);
     return CompareMotions(simulation_.scene, index, simulation_.view_graph,
-                          expected, simulation_.ground_truth);
+                          expected, simulation_.ground_truth,
+                          PairFilteringOptions().max_relative_baseline_error);
   }
 
  private:

@@ -34,8 +34,7 @@ Scene Distrusted(const Simulation& simulation, double factor) {
 }
 
 double FocalLength(const Camera& camera) {
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   return camera.params[info.focal_length_idxs.front()];
 }
 

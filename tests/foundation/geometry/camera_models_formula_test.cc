@@ -223,7 +223,7 @@ std::vector<ModelPair> SpecialCases() {
 TEST(CameraModelFormula, SpecialCases) {
   Random random(4);
   for (const ModelPair& pair : SpecialCases()) {
-    SCOPED_TRACE(FindCameraModel(static_cast<int>(pair.large))->name);
+    SCOPED_TRACE(InfoOf(pair.large).name);
     for (int i = 0; i < 50; ++i) {
       const Vector3d point(random.Uniform(-0.5, 0.5), random.Uniform(-0.5, 0.5),
                            1.0);

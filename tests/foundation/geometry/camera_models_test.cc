@@ -193,8 +193,7 @@ TEST_P(CameraModelTest, DependsOnTheRayOnly) {
 TEST_P(CameraModelTest, DoesNotFold) {
   const TestCamera& camera = GetParam();
   if (IsEquirectangular()) return;  // has no axis
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int>(camera.model));
+  const CameraModelInfo& info = InfoOf(camera.model);
   const Vector2d focal(camera.params[info.focal_length_idxs.front()],
                        camera.params[info.focal_length_idxs.back()]);
   const Vector2d center(camera.params[info.principal_point_idxs[0]],

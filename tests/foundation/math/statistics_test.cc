@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <optional>
+
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -15,6 +17,12 @@ TEST(Statistics, Quantiles) {
   EXPECT_EQ(Quantile({7.0}, 0.3), 7.0);
   EXPECT_THROW(Median({}), ContractError);
   EXPECT_THROW(MedianOfCoordinates({}), ContractError);
+}
+
+TEST(Statistics, DifferencesNeedTwoValues) {
+  EXPECT_EQ(MedianDifference({1.0, 2.0, 5.0, 9.0}), 3.0);
+  EXPECT_EQ(MedianDifference({7.0}), std::nullopt);
+  EXPECT_EQ(MedianDifference({}), std::nullopt);
 }
 
 TEST(Statistics, CoordinatesHaveTheirOwnMedians) {

@@ -93,7 +93,7 @@ struct DistortedLens {
   static std::optional<Eigen::Vector2d> Project(
       const double* k, const Eigen::Vector3d& point,
       LensJacobians<kNumParams>* jacobians) {
-    const std::optional<Eigen::Vector2d> m = Projection::Project(point);
+    std::optional<Eigen::Vector2d> m = Projection::Project(point);
     if constexpr (kNumParams == 0) {  // no distortion
       if (m && jacobians != nullptr) {
         jacobians->point = Projection::Jacobian(point, *m);
@@ -220,9 +220,9 @@ struct EucmSurface {
 // Camera models: lens, focal lengths and principal point.
 
 // pixel = diag(f) m + c with the parameters f or fx fy, cx cy, lens parameters.
-template <class Lens, int kNumFocals_>
+template <class Lens, int N>
 struct FocalModel {
-  static constexpr int kNumFocals = kNumFocals_;
+  static constexpr int kNumFocals = N;
   static constexpr int kNumCenters = 2;
   static constexpr int kNumExtra = Lens::kNumParams;
   static constexpr int kNumParams = kNumFocals + kNumCenters + kNumExtra;
