@@ -84,11 +84,11 @@ struct ResectionResult {
 // Model extension adds the frames of a scene that an existing model lacks.
 //
 // 1. Only pairs with an image that the model lacks are verified and judged, as
-//    in incremental mapping, and a spanning forest of the others, which tells
-//    the rules how the frames of the model lie to each other. The points of the
-//    model stand for the matches that made them: tracks of the new pairs are
-//    joined with the points that share a keypoint (JoinPoints()). Models that
-//    have no points, or all images, use all pairs.
+//    in incremental mapping, and a spanning forest of the others, which gives
+//    the rules the relative placement of the frames of the model. The points of
+//    the model stand for the matches that made them: tracks of the new pairs
+//    are joined with the points that share a keypoint (JoinPoints()). Models
+//    that have no points, or all images, use all pairs.
 // 2. The model grows by one frame at a time, as in incremental mapping
 //    (mgsfm/incremental/incremental_mapping.h).
 // 3. Bundle adjustment of all frames, as in the mapper, but with a single round
@@ -98,10 +98,11 @@ struct ResectionResult {
 // aligned to the existing model by the similarity that fits the image poses, or
 // by a rigid transform if known sensor poses determine the unit of length.
 //
-// Cost: verification and judgement are linear in the pairs of new images and in
-// the images of the model, tracks in the matches of new images, steps in the
-// observations of six frames; bundle adjustment, which converges in few
-// iterations, in the observations of the model.
+// Cost: a pass over all matches; verification and an iteration of averaging are
+// linear in the pairs of new images and the images of the model, tracks in the
+// matches of new images, steps in the observations of six frames; bundle
+// adjustment, which converges in few iterations, in the observations of the
+// model.
 
 struct ExtensionOptions {
   Option<bool> fix_existing_frames{

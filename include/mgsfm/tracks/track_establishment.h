@@ -120,7 +120,7 @@ struct MatchSelectionInput {
                                            const std::vector<Point3D>& points,
                                            bool with_others);
 
-// Per pair, the number of matches whose keypoints observe one point.
+// Per pair, the number of matches whose keypoints observe the same point.
 [[nodiscard]] std::vector<std::ptrdiff_t> CountMatchesOfPoints(
     const Scene& scene, const ViewGraph& view_graph,
     const std::vector<Point3D>& points);

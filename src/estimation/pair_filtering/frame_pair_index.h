@@ -77,8 +77,8 @@ class FramePairIndex {
                  SequenceMode sequence = SequenceMode::kAuto);
   FramePairIndex(const Scene& scene, const std::vector<MatchedImages>& pairs,
                  SequenceMode sequence);
-  // The pairs of a part of a view graph: order and reach are those of the
-  // whole, which few pairs do not show.
+  // The pairs of a part of a view graph. Order and reach are those of the
+  // whole: few pairs do not show them.
   FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
                  const FramePairIndex& whole);
 

@@ -524,7 +524,7 @@ MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
                                        const ChunkRanges& chunk, size_t point,
                                        size_t begin, size_t end,
                                        SchurWorkspace* w) {
-  constexpr double kNoGradient[3] = {};
+  constexpr double kNoGradient[3] = {0.0, 0.0, 0.0};
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
   // Differs from every point index.

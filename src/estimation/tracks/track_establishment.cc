@@ -385,8 +385,8 @@ std::vector<std::ptrdiff_t> CountMatchesOfPoints(
   const KeypointNodes nodes(scene);
   const std::vector<int> point_of_node = PointsOfNodes(nodes, points);
   const auto point_of = [&](int image_idx, uint32_t keypoint_idx) {
-    return point_of_node[nodes.NodeOf(image_idx,
-                                      static_cast<int>(keypoint_idx))];
+    MGSFM_CHECK_LT(keypoint_idx, scene.images[image_idx].keypoints_px.size());
+    return point_of_node[nodes.NodeOf(image_idx, keypoint_idx)];
   };
   return Transformed(view_graph.pairs, [&](const ImagePair& pair) {
     return CountIf(pair.matches, [&](const Match& match) {

@@ -226,16 +226,16 @@ void MapVerifiedPairs(const PositionStep& estimate_positions, const Run& run,
 // mislead.
 MapperResult MapOnce(const PairStep& map_pairs, const Run& run) {
   MapperResult result;
-  const std::optional<ViewGraph> of_new_images = PairsOfNewImages(run);
+  const std::optional<PairsOfExtension> selected = SelectPairsOfExtension(run);
   VerifiedPairs pairs =
-      VerifyAllPairs(run.scene, of_new_images ? *of_new_images : run.matches,
+      VerifyAllPairs(run.scene, selected ? selected->matches : run.matches,
                      run.options, run.context, &result);
   const bool is_checked = !run.options.is_for_lenses;
   if (is_checked) {
     CheckKnownRigs(run.scene, {pairs.bearings, pairs.view_graph});
   }
   if (run.input.existing_model) {
-    ExtendModel(run, of_new_images.has_value(), &pairs, &result);
+    ExtendModel(run, selected ? &*selected : nullptr, &pairs, &result);
   } else {
     map_pairs(run, &pairs, &result);
   }

@@ -32,8 +32,8 @@ struct AdjustmentInput {
   const GravityPriors& gravity;
   Mask pair_is_used = {};  // those whose matches make tracks
   bool is_metric = false;  // the first model
-  // The points of the initial model stand for the matches that made them; pairs
-  // are those with new images.
+  // The points of the initial model stand for the matches that made them; used
+  // pairs are those with new images.
   bool keeps_points = false;
   // The existing model of an extension, or null. It determines the world frame
   // of the result unless position priors do.

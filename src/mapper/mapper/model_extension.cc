@@ -97,18 +97,8 @@ void CheckExtensionOptions(const MapperOptions& options,
   }
 }
 
-PairVerdicts JudgePairsOfExtension(const MapperRunInput& run,
-                                   VerifiedPairs* pairs, MapperResult* result) {
-  const FramePairIndex index(
-      run.scene, pairs->view_graph,
-      FramePairIndex(run.scene, run.matches,
-                     run.options.pair_filtering.is_sequence));
-  JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
-  RejectByPositions(run, *pairs, index, &judged, &result->times);
-  return std::move(judged.rotations.verdicts);
-}
-
-// The points of the model stand for the pairs of its images.
+// The points of the model stand for the matches of its images, so that only the
+// rules need their pairs.
 void DropPairsOf(const Reconstruction& model, const Scene& scene,
                  const ViewGraph& view_graph, Mask* pair_is_used) {
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
@@ -194,13 +184,15 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
   }
 }
 
-void ExtendModel(const MapperRunInput& run, bool keeps_points,
+void ExtendModel(const MapperRunInput& run, const PairsOfExtension* selected,
                  VerifiedPairs* verified, MapperResult* result) {
   CheckExtensionOptions(run.options, run.input.position_priors);
   const Context& context = run.context;
   const Reconstruction& existing = *run.input.existing_model;
-  const PairVerdicts verdicts = JudgePairsOfExtension(run, verified, result);
+  const PairVerdicts verdicts =
+      JudgePairsOfExtension(run, selected, verified, &result->times);
   const VerifiedPairs& pairs = *verified;
+  const bool keeps_points = selected != nullptr;
   const ViewGraph& view_graph = pairs.view_graph;
   result->rejected_pairs =
       CountRejections(verdicts, pairs.num_of_fixed_regions);

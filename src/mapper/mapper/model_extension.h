@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "mapper/mapper_recipe.h"
+#include "mapper/pair_judgement.h"
 #include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/mapper/mapper.h"
@@ -12,12 +13,12 @@
 namespace mgsfm {
 
 // Extends the existing model of the input as
-// mgsfm/registration/model_extension.h describes; `keeps_points` if the pairs
-// are those of PairsOfNewImages() (pair_judgement.h). Adds to the result the
+// mgsfm/registration/model_extension.h describes; `selected` is null if the
+// pairs are all pairs of the scene. Adds to the result the
 // model, the reason for every frame that could not be added, and the sensors of
 // the rotation summary. Throws Error if frames are to be fixed although
 // position priors or a soft rig would move them.
-void ExtendModel(const MapperRunInput& run, bool keeps_points,
+void ExtendModel(const MapperRunInput& run, const PairsOfExtension* selected,
                  VerifiedPairs* pairs, MapperResult* result);
 
 // Why a frame could not be registered.

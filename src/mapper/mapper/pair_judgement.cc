@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <numeric>
 #include <utility>
 
 #include "base/ranges.h"
@@ -25,28 +26,45 @@ bool HasLoops(const FramePairIndex& index, const PairVerdicts& verdicts) {
   return false;
 }
 
-bool IsAnyRuleOn(const PairFilteringOptions& options) {
-  return IsRuleOn(RejectionReason::kBaselineBeyondDriftBound, options) ||
-         IsRuleOn(RejectionReason::kInconsistentBaseline, options);
+// A maximum spanning forest of the pairs of the model, weighted by matches.
+// Loops come last: the rules know the parts of a sequence by its neighbors.
+Mask SelectForest(const std::vector<MatchedImages>& of_model,
+                  const MapperRunInput& run) {
+  const FramePairIndex index(run.scene, of_model,
+                             run.options.pair_filtering.is_sequence);
+  std::vector<size_t> order(of_model.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  StableSortDescendingBy(&order, [&](size_t i) {
+    return std::pair(!index.IsLoop(index.Of(i)), of_model[i].num_matches);
+  });
+  UnionFind connected(run.scene.images.size());
+  Mask is_selected(of_model.size());
+  for (const size_t i : order) {
+    is_selected[i] =
+        connected.Union(of_model[i].image_idx1, of_model[i].image_idx2);
+  }
+  return is_selected;
 }
 
-// Pairs of images of the model, with the most matches of its points, that
-// connect what these connect.
-Mask SpanningForest(const MapperRunInput& run, const Reconstruction& model) {
-  const std::vector<ImagePair>& pairs = run.matches.pairs;
-  const std::vector<std::ptrdiff_t> num_matches =
-      CountMatchesOfPoints(run.scene, run.matches, model.points);
-  std::vector<size_t> order;
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    if (num_matches[i] > 0) order.push_back(i);
+// The verified pairs and those of the model, each once.
+std::vector<MatchedImages> AllPairs(const PairsOfExtension& selected,
+                                    const ViewGraph& verified) {
+  std::vector<MatchedImages> all = selected.of_model;
+  for (const ImagePair& pair : verified.pairs) {
+    all.push_back({pair.image_idx1, pair.image_idx2, pair.matches.size()});
   }
-  StableSortDescendingBy(&order, [&](size_t i) { return num_matches[i]; });
-  UnionFind connected(run.scene.images.size());
-  Mask is_in_forest(pairs.size());
-  for (const size_t i : order) {
-    is_in_forest[i] = connected.Union(pairs[i].image_idx1, pairs[i].image_idx2);
-  }
-  return is_in_forest;
+  const auto images_of = [](const MatchedImages& pair) {
+    return std::pair(pair.image_idx1, pair.image_idx2);
+  };
+  std::stable_sort(all.begin(), all.end(), [&](const auto& a, const auto& b) {
+    return images_of(a) < images_of(b);
+  });
+  all.erase(std::unique(all.begin(), all.end(),
+                        [&](const auto& a, const auto& b) {
+                          return images_of(a) == images_of(b);
+                        }),
+            all.end());
+  return all;
 }
 
 }  // namespace
@@ -56,7 +74,9 @@ void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
                        std::vector<StageTime>* times) {
   PairVerdicts& verdicts = judged->rotations.verdicts;
   const RotationEstimate& rotations = judged->rotations.estimate;
-  if (!HasLoops(index, verdicts) || !IsAnyRuleOn(run.options.pair_filtering)) {
+  if (!IsRuleOn(RejectionReason::kInconsistentBaseline,
+                run.options.pair_filtering) ||
+      !HasLoops(index, verdicts)) {
     return;
   }
   const RunningStage stage("translation averaging", run.context);
@@ -80,7 +100,8 @@ void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
   stage.Finish(times);
 }
 
-std::optional<ViewGraph> PairsOfNewImages(const MapperRunInput& run) {
+std::optional<PairsOfExtension> SelectPairsOfExtension(
+    const MapperRunInput& run) {
   const auto& model = run.input.existing_model;
   if (!model || model->points.empty()) return std::nullopt;
   Mask is_new(run.scene.images.size());
@@ -89,15 +110,45 @@ std::optional<ViewGraph> PairsOfNewImages(const MapperRunInput& run) {
   }
   if (is_new.Count() == 0) return std::nullopt;
   const std::vector<ImagePair>& pairs = run.matches.pairs;
-  const Mask is_in_forest = SpanningForest(run, *model);
-  ViewGraph selected;
+  const std::vector<std::ptrdiff_t> num_matches =
+      CountMatchesOfPoints(run.scene, run.matches, model->points);
+  PairsOfExtension selected;
+  Mask is_used(pairs.size());
+  std::vector<size_t> pairs_of_model;
   for (size_t i = 0; i < pairs.size(); ++i) {
-    if (is_in_forest[i] || is_new[pairs[i].image_idx1] ||
-        is_new[pairs[i].image_idx2]) {
-      selected.pairs.push_back(pairs[i]);
-    }
+    const auto [image_idx1, image_idx2] =
+        std::pair(pairs[i].image_idx1, pairs[i].image_idx2);
+    is_used[i] = is_new[image_idx1] || is_new[image_idx2];
+    if (is_used[i] || num_matches[i] == 0) continue;
+    pairs_of_model.push_back(i);
+    selected.of_model.push_back(
+        {image_idx1, image_idx2, static_cast<size_t>(num_matches[i])});
+  }
+  const Mask is_in_forest = SelectForest(selected.of_model, run);
+  for (size_t k = 0; k < pairs_of_model.size(); ++k) {
+    if (is_in_forest[k]) is_used[pairs_of_model[k]] = true;
+  }
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (is_used[i]) selected.matches.pairs.push_back(pairs[i]);
   }
   return selected;
+}
+
+PairVerdicts JudgePairsOfExtension(const MapperRunInput& run,
+                                   const PairsOfExtension* selected,
+                                   VerifiedPairs* pairs,
+                                   std::vector<StageTime>* times) {
+  const SequenceMode mode = run.options.pair_filtering.is_sequence;
+  FramePairIndex index(run.scene, pairs->view_graph, mode);
+  if (selected) {
+    index = FramePairIndex(
+        run.scene, pairs->view_graph,
+        FramePairIndex(run.scene, AllPairs(*selected, pairs->view_graph),
+                       mode));
+  }
+  JudgedPairs judged = JudgePairs(run, index, pairs, times);
+  RejectByPositions(run, *pairs, index, &judged, times);
+  return std::move(judged.rotations.verdicts);
 }
 
 }  // namespace mgsfm

@@ -16,19 +16,35 @@ namespace mgsfm {
 // sees no loop before it closes: pairs of two places that look alike attach the
 // frames of one place to the other, and what follows agrees with them.
 
-// Rejects the pairs that positions averaged from pairs alone contradict, per
-// component, by the rules on baselines (translation_averaging/
-// position_estimation.h). Rotations do not tell parallel streets apart. Without
-// loop pairs in a sequence, nothing is rejected. Cost: linear in the pairs.
+// Averages positions from pairs alone, per component, and rejects the pairs
+// that contradict them, by the rules on baselines (translation_averaging/
+// position_estimation.h): rotations do not tell parallel streets apart. Without
+// loop pairs in a sequence, nothing is rejected. Cost: an iteration is linear
+// in the pairs.
 void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
                        const FramePairIndex& index, JudgedPairs* judged,
                        std::vector<StageTime>* times);
 
-// The pairs with an image that the existing model lacks, and a spanning forest
-// of the others: those with the most matches of the model's points. The forest
-// tells the rules how the frames of the model lie to each other. nullopt if all
-// pairs are needed: there is no model, it has no points, or it has all images.
-[[nodiscard]] std::optional<ViewGraph> PairsOfNewImages(
+// The pairs that extend an existing model.
+struct PairsOfExtension {
+  // Pairs with an image that the model lacks, and some pairs of its images.
+  ViewGraph matches;
+  // All pairs of images of the model, by their matches that observe its points.
+  std::vector<MatchedImages> of_model;
+};
+
+// The pairs of images that the existing model has form a spanning forest,
+// neighbors in time and many matches that observe points of the model first.
+// They give the rules the relative placement of the frames of the model.
+// nullopt if all pairs are needed: there is no model, it has no points, or it
+// has all images. Cost: a pass over all matches.
+[[nodiscard]] std::optional<PairsOfExtension> SelectPairsOfExtension(
     const MapperRunInput& run);
+
+// The verdicts of all rules on verified pairs; `selected` is null if these are
+// all pairs. Order and reach of the frames are those of all pairs.
+[[nodiscard]] PairVerdicts JudgePairsOfExtension(
+    const MapperRunInput& run, const PairsOfExtension* selected,
+    VerifiedPairs* pairs, std::vector<StageTime>* times);
 
 }  // namespace mgsfm
