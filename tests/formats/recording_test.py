@@ -537,3 +537,99 @@ def test_positions(importer, tmp_path):
     folder, _ = importer(path, "--sampling", "all", "--position_topic",
                          "none", output="none")
     assert not (folder / "positions.txt").exists()
+
+
+def odom_in_map(seconds):
+    """Drifts at constant velocity, so that it is linear between transforms."""
+    return numpy.array([0.5, -0.25, 0.125]) * seconds
+
+
+def body_in_odom(seconds):
+    """On a circle, looking along it: position, and rotation about z."""
+    return (numpy.array([5 * numpy.sin(seconds), -5 * numpy.cos(seconds), 0]),
+            seconds)
+
+
+def tf_messages(encoding, parent="map"):
+    """odom in the map at 2 Hz from 0.2 s on, the body in odom at 20 Hz."""
+    messages = drive_messages(encoding)
+    for i in range(17):
+        seconds = 0.05 * i
+        position, angle = body_in_odom(seconds)
+        items = [("/odom", "base", position,
+                  (0, 0, numpy.sin(angle / 2), numpy.cos(angle / 2)))]
+        time_ns = T0 + i * STEP // 2
+        if i in (4, 14):
+            items.append((parent, "odom", odom_in_map(seconds), (0, 0, 0, 1)))
+        messages.append(ros.Message("/tf", "tf2_msgs/TFMessage", time_ns,
+                                    ros.transforms(encoding, items, time_ns)))
+    return messages
+
+
+def camera_in_odom(seconds):
+    """The left camera is 0.3 m along y of the body."""
+    position, angle = body_in_odom(seconds)
+    return position + 0.3 * numpy.array([-numpy.sin(angle), numpy.cos(angle),
+                                         0])
+
+
+@pytest.mark.parametrize("encoding", ("ros1", "cdr"))
+def test_positions_of_tf(encoding, importer, tmp_path):
+    """The chain from the map to the first camera, at the times of the body."""
+    path = tmp_path / ("drive.bag" if encoding == "ros1" else "drive.mcap")
+    write = ros.write_ros1_bag if encoding == "ros1" else ros.write_mcap
+    write(path, tf_messages(encoding))
+    words = ("--sampling", "all", "--position_topic", "/tf")
+    for name, more, in_map, first, last in (
+            ("map", (), True, 4, 14), ("base", ("--body_frame", "base"), True,
+                                       4, 14),
+            ("odom", ("--world_frame", "odom"), False, 0, 16)):
+        folder, log = importer(path, *words, *more, output=name)
+        assert "WARN" not in log.upper(), log
+        assert f"ref_images_path {folder / 'positions.txt'}" in log
+        read = numpy.loadtxt(folder / "positions.txt")
+        seconds = 0.05 * numpy.arange(first, last + 1)
+        assert_allclose(read[:, 0] - T0 / 1e9, seconds, atol=1e-6)
+        expected = [camera_in_odom(s) + in_map * odom_in_map(s)
+                    for s in seconds]
+        # Times in double precision are accurate to 0.2 us.
+        assert_allclose(read[:, 1:4], expected, atol=1e-6)
+
+    # Above a frame that nothing fixes to the camera, positions are its own.
+    folder, log = importer(path, *words, "--body_frame", "odom", output="other")
+    assert "does not connect the frame 'odom'" in log
+    read = numpy.loadtxt(folder / "positions.txt")
+    assert_allclose(read[:, 1:4], [odom_in_map(s) for s in (0.2, 0.7)],
+                    atol=1e-9)
+
+
+def test_tf_that_does_not_tell_is_an_error(importer, tmp_path):
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, tf_messages("ros1"))
+    topic = ("--position_topic", "/tf")
+    cases = [(path, (*topic, "--body_frame", "imu"), ("'imu'", "base, map")),
+             (path, (*topic, "--world_frame", "utm"), ("'utm'", "base, map")),
+             (path, ("--world_frame", "map"), ("position_topic to",)),
+             (path, ("--position_topic", "/tf_static"), ("'/tf_static'",
+                                                         "do not move"))]
+    two = tmp_path / "two.bag"
+    ros.write_ros1_bag(two, tf_messages("ros1") + tf_messages("ros1", "utm"))
+    cases.append((two, topic, ("'map'", "'utm'")))
+    cycle = tmp_path / "cycle.bag"
+    ros.write_ros1_bag(cycle, tf_messages("ros1", "base"))
+    cases.append((cycle, topic, ("cycle",)))
+    apart = tmp_path / "apart.bag"
+    ros.write_ros1_bag(apart, drive_messages("ros1") + [
+        ros.Message("/tf", "tf2_msgs/TFMessage", T0, ros.transforms(
+            "ros1", [(parent, child, (0, 0, 0), (0, 0, 0, 1))], T0 + time_ns))
+        for parent, child, time_ns in (("map", "odom", 0),
+                                       ("odom", "base", 1000))])
+    cases.append((apart, topic, ("odom", "base", "all known")))
+    for i, (file, words, expected) in enumerate(cases):
+        folder, log = importer(file, "--sampling", "all", *words, fails=True,
+                               output=f"out{i}")
+        assert not folder.exists()
+        lines = [line for line in log.splitlines() if line.strip()]
+        assert len(lines) == 1 and file.name in log, log
+        for text in expected:
+            assert text in log, log

@@ -104,11 +104,11 @@ def camera_info(encoding, frame, size, model, distortion, K, R=None, P=None,
     return message.add("B", 0).done()
 
 
-def transforms(encoding, items):
+def transforms(encoding, items, time_ns=0):
     """Items are (parent, child, translation, quaternion x y z w)."""
     message = Serializer(encoding).add("I", len(items))
     for parent, child, translation, quaternion in items:
-        message.header(0, parent).text(child)
+        message.header(time_ns, parent).text(child)
         message.add("d", *translation, *quaternion)
     return message.done()
 

@@ -208,6 +208,10 @@ std::string Recording::Name() const {
   return name + " and " + std::to_string(paths_.size() - 1) + " more";
 }
 
+std::string Recording::Subject(int topic_idx) const {
+  return "topic '" + topics_[topic_idx].name + "' of recording " + Name();
+}
+
 double Recording::DurationSeconds() const {
   return last_ns_ <= first_ns_ ? 0.0
                                : static_cast<double>(last_ns_ - first_ns_) /

@@ -225,12 +225,6 @@ void SetIntrinsics(const RecordedCamera& camera, const std::string& topic,
   config->camera_params = calibrated.params;
 }
 
-// From the camera of the images to its frame: rectification turns images.
-std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera) {
-  if (!camera.is_rectified || !camera.info) return Rigid3();
-  return RigidFromRotation(camera.info->R.data());
-}
-
 // nullopt if it is unknown.
 std::optional<Rigid3> CamFromReference(const RecordedCamera& camera,
                                        const RecordedCamera& reference,
@@ -293,12 +287,18 @@ std::pair<std::string, Rigid3> StaticFrames::RootFrom(std::string frame) const {
   Rigid3 root_from_frame;
   // A cycle ends after as many steps as there are transforms.
   for (size_t i = 0; i < parent_of_.size(); ++i) {
-    const auto found = parent_of_.find(frame);
-    if (found == parent_of_.end()) break;
-    root_from_frame = found->second.second * root_from_frame;
-    frame = found->second.first;
+    const auto* parent = FindParent(frame);
+    if (parent == nullptr) break;
+    root_from_frame = parent->second * root_from_frame;
+    frame = parent->first;
   }
   return {frame, root_from_frame};
+}
+
+const std::pair<std::string, Rigid3>* StaticFrames::FindParent(
+    const std::string& frame) const {
+  const auto found = parent_of_.find(frame);
+  return found == parent_of_.end() ? nullptr : &found->second;
 }
 
 std::optional<Rigid3> StaticFrames::Between(const std::string& to,
@@ -307,6 +307,11 @@ std::optional<Rigid3> StaticFrames::Between(const std::string& to,
   const auto [root_of_from, root_from_from] = RootFrom(from);
   if (root_of_to != root_of_from) return std::nullopt;
   return root_from_to.Inverse() * root_from_from;
+}
+
+std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera) {
+  if (!camera.is_rectified || !camera.info) return Rigid3();
+  return RigidFromRotation(camera.info->R.data());
 }
 
 std::optional<RigConfig> MakeRecordedRig(

@@ -46,13 +46,19 @@ class StaticFrames {
   // nullopt if nothing connects the frames.
   std::optional<Rigid3> Between(const std::string& to,
                                 const std::string& from) const;
+  // The root of the tree of a frame, and root_from_frame.
+  std::pair<std::string, Rigid3> RootFrom(std::string frame) const;
+  // The parent of a frame, and parent_from_frame; null for a root.
+  const std::pair<std::string, Rigid3>* FindParent(
+      const std::string& frame) const;
 
  private:
-  // The root of the tree of a frame.
-  std::pair<std::string, Rigid3> RootFrom(std::string frame) const;
-
   std::map<std::string, std::pair<std::string, Rigid3>> parent_of_;
 };
+
+// From the frame of a camera to its images, which rectification turns; nullopt
+// if the rotation is unknown.
+std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera);
 
 // The rig of the cameras, the first of which is the reference: intrinsics of
 // CameraInfo and poses of the frames, where they are known. nullopt if neither

@@ -2,7 +2,6 @@
 #include "recordings/recording_import.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -22,6 +21,7 @@
 #include "mgsfm/base/timer.h"
 #include "recordings/byte_reader.h"
 #include "recordings/image_messages.h"
+#include "recordings/recorded_positions.h"
 #include "recordings/recording.h"
 #include "recordings/recording_cameras.h"
 #include "video/motion_sampler.h"
@@ -35,12 +35,6 @@ namespace fs = std::filesystem;
 // As for videos: sharpness needs more pixels than motion; even larger images
 // add nothing.
 constexpr int kMotionImageSize_px = 640;
-
-std::string TimeText(int64_t time_ns) {
-  return Formatted("%06lld.%09lld",
-                   static_cast<long long>(time_ns / kNsPerSecond),
-                   static_cast<long long>(time_ns % kNsPerSecond));
-}
 
 // The images of a camera.
 struct CameraImages {
@@ -66,7 +60,7 @@ class RecordingImport {
         context_(context),
         cameras_(ChooseCameras(recording, options.image_topics, context)),
         images_(cameras_.size()),
-        position_topic_(FindPositionTopic()),
+        positions_(recording, options, context),
         camera_of_topic_(recording.topics().size(), -1) {
     for (size_t c = 0; c < cameras_.size(); ++c) {
       camera_of_topic_[cameras_[c].topic_idx] = static_cast<int>(c);
@@ -80,10 +74,8 @@ class RecordingImport {
     return recording_.topics()[topic_idx];
   }
   std::string Subject(int topic_idx) const {
-    return "topic '" + Topic(topic_idx).name + "' of recording " +
-           recording_.Name();
+    return recording_.Subject(topic_idx);
   }
-  int FindPositionTopic() const;
   std::string Settings() const;
 
   // Headers of images, and all other messages.
@@ -103,10 +95,6 @@ class RecordingImport {
   void WriteTasks(std::vector<ImageMessageTask>* tasks,
                   RecordingImportSummary* summary);
   void WriteImages(const fs::path& folder, RecordingImportSummary* summary);
-  bool PositionsAreGps() const {
-    return Topic(position_topic_).type == "sensor_msgs/NavSatFix";
-  }
-  std::string PositionLines() const;
   void WarnOfDamage(int topic_idx, const std::string& problem) {
     warnings_.Add(Subject(topic_idx) + " has a damaged message, which " +
                   problem + "; it is skipped");
@@ -117,44 +105,13 @@ class RecordingImport {
   const Context& context_;
   std::vector<RecordedCamera> cameras_;
   std::vector<CameraImages> images_;
-  const int position_topic_;  // -1: none
+  RecordedPositions positions_;
   std::vector<int> camera_of_topic_;
   StaticFrames frames_;
-  std::map<int64_t, PoseMessage> positions_;  // by time
-  size_t num_positions_without_stamp_ = 0;
   GroupedWarnings warnings_;
 };
 
-// ---------------------------------------------------------------------- topics
-
-int RecordingImport::FindPositionTopic() const {
-  const std::string& wanted = *options_.position_topic;
-  if (wanted == "none") return -1;
-  const bool is_automatic = wanted == "auto";
-  const std::vector<RecordingTopic>& topics = recording_.topics();
-  for (const char* type : {"sensor_msgs/NavSatFix", "nav_msgs/Odometry"}) {
-    std::vector<int> found;
-    std::vector<std::string> names;
-    for (size_t i = 0; i < topics.size(); ++i) {
-      const bool is_chosen =
-          is_automatic ? topics[i].num_messages > 0 : topics[i].name == wanted;
-      if (topics[i].type != type || !is_chosen) continue;
-      found.push_back(static_cast<int>(i));
-      names.push_back(topics[i].name);
-    }
-    if (found.size() == 1) return found.front();
-    if (found.empty()) continue;
-    context_.Warning("no positions are imported: recording " +
-                     recording_.Name() + " has several topics of " + type +
-                     ", " + Joined(names, ", ") +
-                     "; set position_topic to one of them, or to none");
-    return -1;
-  }
-  if (is_automatic) return -1;
-  throw Error("recording " + recording_.Name() + " has no topic '" + wanted +
-              "' (position_topic) of NavSatFix or Odometry messages; run "
-              "recording_importer without output_path to list the topics");
-}
+// -------------------------------------------------------------------- settings
 
 std::string RecordingImport::Settings() const {
   nlohmann::ordered_json files = nlohmann::ordered_json::array();
@@ -191,15 +148,8 @@ void RecordingImport::TakeMessage(const RecordedMessage& message) {
   const RecordingTopic& topic = Topic(message.topic_idx);
   if (camera_of_topic_[message.topic_idx] >= 0) {
     TakeImage(message);
-  } else if (message.topic_idx == position_topic_) {
-    PoseMessage pose = topic.type == "nav_msgs/Odometry"
-                           ? ReadOdometryMessage(message.data, topic.encoding)
-                           : ReadNavSatFixMessage(message.data, topic.encoding);
-    const bool has_stamp = pose.header.stamp_ns != 0;
-    num_positions_without_stamp_ += has_stamp ? 0 : 1;
-    const int64_t time_ns =
-        has_stamp ? pose.header.stamp_ns : message.received_ns;
-    if (pose.is_valid) positions_.emplace(time_ns, std::move(pose));
+  } else if (message.topic_idx == positions_.topic_idx()) {
+    positions_.Take(message);
   } else if (topic.type == "tf2_msgs/TFMessage") {
     for (const TransformMessage& transform :
          ReadTransformMessages(message.data, topic.encoding)) {
@@ -223,7 +173,7 @@ void RecordingImport::ReadMessages() {
     wanted[camera.topic_idx] = true;
     if (camera.info_topic_idx >= 0) wanted[camera.info_topic_idx] = true;
   }
-  if (position_topic_ >= 0) wanted[position_topic_] = true;
+  if (positions_.topic_idx() >= 0) wanted[positions_.topic_idx()] = true;
   for (size_t i = 0; i < topics.size(); ++i) {
     if (topics[i].name == "/tf_static" && topics[i].IsReadable() &&
         topics[i].type == "tf2_msgs/TFMessage") {
@@ -239,11 +189,7 @@ void RecordingImport::ReadMessages() {
       throw Error(Subject(message.topic_idx) + " " + error.what());
     }
   });
-  if (num_positions_without_stamp_ == 0) return;
-  context_.Warning(Subject(position_topic_) + ": the headers of " +
-                   std::to_string(num_positions_without_stamp_) +
-                   " positions have no time; the times at which they were "
-                   "received are used for these");
+  positions_.Finish(cameras_.front(), frames_);
 }
 
 void RecordingImport::SetTimes(size_t camera_idx) {
@@ -446,40 +392,6 @@ void RecordingImport::WriteImages(const fs::path& folder,
   operations.Sync(folder);
 }
 
-// Lines "time x y z qx qy qz qw".
-std::string RecordingImport::PositionLines() const {
-  const bool is_gps = PositionsAreGps();
-  std::string lines = is_gps ? "# SECONDS LATITUDE LONGITUDE ALTITUDE 0 0 0 1\n"
-                             : "# SECONDS X Y Z QX QY QZ QW\n";
-  std::optional<Rigid3> child_from_cam;
-  if (!is_gps) {
-    const std::string& child = positions_.begin()->second.child;
-    const std::string& camera = cameras_.front().frame_id;
-    child_from_cam = frames_.Between(child, camera);
-    if (!child_from_cam) {
-      context_.Warning("/tf_static does not connect the frame '" + child +
-                       "' of the positions with the frame '" + camera +
-                       "' of the first camera; the positions are those of '" +
-                       child + "'");
-    }
-  }
-  for (const auto& [time_ns, pose] : positions_) {
-    const Rigid3 world_from_cam =
-        pose.world_from_child * child_from_cam.value_or(Rigid3());
-    const Eigen::Vector3d& t = world_from_cam.translation;
-    const Eigen::Quaterniond& q = world_from_cam.rotation;
-    lines += TimeText(time_ns);
-    for (const double value : {t.x(), t.y(), t.z()}) {
-      lines += ' ' + FormatDouble(value, std::chars_format::fixed, 9);
-    }
-    for (const double value : {q.x(), q.y(), q.z(), q.w()}) {
-      lines += ' ' + FormatDouble(value, std::chars_format::general, 17);
-    }
-    lines += '\n';
-  }
-  return lines;
-}
-
 RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
   RecordingImportSummary summary;
   ReadMessages();
@@ -502,10 +414,11 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
     summary.rig_config_path = output_path / "rig_config.json";
     ReplaceFile(summary.rig_config_path, RigConfigsToJson({*rig}));
   }
-  if (!positions_.empty()) {
+  if (!positions_.IsEmpty()) {
     summary.positions_path = output_path / "positions.txt";
-    summary.positions_are_gps = PositionsAreGps();
-    ReplaceFile(summary.positions_path, PositionLines());
+    summary.positions_are_gps = positions_.AreGps();
+    ReplaceFile(summary.positions_path,
+                positions_.Lines(cameras_.front(), frames_));
   }
   return summary;
 }

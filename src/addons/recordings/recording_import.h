@@ -47,9 +47,17 @@ struct RecordingImportOptions {
       "half of the time between two images of a camera."};
   Option<std::string> position_topic{
       "position_topic", "auto",
-      "Import the positions of this topic of NavSatFix or Odometry messages. "
-      "auto: the only topic of NavSatFix, or else of Odometry. none: no "
+      "Import the positions of this topic of NavSatFix, Odometry or TFMessage "
+      "(/tf). auto: the only topic of NavSatFix, or else of Odometry. none: no "
       "positions."};
+  Option<std::string> body_frame{
+      "body_frame", "auto",
+      "Take the positions of /tf at this frame. auto: the topmost frame that "
+      "/tf_static connects with the first camera."};
+  Option<std::string> world_frame{
+      "world_frame", "auto",
+      "Take the positions of /tf in this frame, such as map or odom. auto: the "
+      "topmost frame above body_frame."};
   Option<VideoImageFormat> image_format{
       "image_format", VideoImageFormat::kPng,
       "Write images as jpg or png. Compressed images are copied as they are."};
@@ -59,7 +67,7 @@ struct RecordingImportOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(image_topics, sampling, min_motion, rate, max_time_difference_s,
-          position_topic, image_format, jpeg_quality);
+          position_topic, body_frame, world_frame, image_format, jpeg_quality);
   }
 };
 
@@ -87,7 +95,7 @@ struct RecordingImportSummary {
 //
 // output_path/rig_config.json has the intrinsics of CameraInfo and the poses of
 // /tf_static, positions.txt the positions in TUM's format: of the antenna in
-// degrees and meters (NavSatFix), or poses of the first camera (Odometry).
+// degrees and meters (NavSatFix), or poses of the first camera (Odometry, /tf).
 //
 // A run with the same recording and settings continues an interrupted run.
 // Throws Error, naming file, topic and remedy, if a file is damaged from its

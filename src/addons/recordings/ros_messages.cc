@@ -158,7 +158,9 @@ std::vector<TransformMessage> ReadTransformMessages(
   const auto size = reader.Take<uint32_t>();
   for (uint32_t i = 0; i < size; ++i) {
     TransformMessage transform;
-    transform.parent = reader.TakeHeader().frame_id;
+    MessageHeader header = reader.TakeHeader();
+    transform.stamp_ns = header.stamp_ns;
+    transform.parent = std::move(header.frame_id);
     transform.child = reader.TakeFrame();
     transform.parent_from_child = reader.TakePose();
     transforms.push_back(std::move(transform));

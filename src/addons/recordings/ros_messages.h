@@ -51,6 +51,7 @@ struct TransformMessage {
   std::string parent;
   std::string child;
   Rigid3 parent_from_child;
+  int64_t stamp_ns = 0;  // 0: not set
 };
 
 // A position with a time, as coordinates (Odometry) or as latitude, longitude
