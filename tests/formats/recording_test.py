@@ -633,3 +633,109 @@ def test_tf_that_does_not_tell_is_an_error(importer, tmp_path):
         assert len(lines) == 1 and file.name in log, log
         for text in expected:
             assert text in log, log
+
+
+def rotation_of(vector):
+    """The rotation by an angle-axis vector."""
+    angle = numpy.linalg.norm(vector)
+    x, y, z = vector / max(angle, 1e-300)
+    cross = numpy.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return (numpy.eye(3) + numpy.sin(angle) * cross +
+            (1 - numpy.cos(angle)) * cross @ cross)
+
+
+def quaternion_of(vector):
+    """x, y, z, w of the same."""
+    half = numpy.linalg.norm(vector) / 2
+    return (*(vector * (numpy.sinc(half / numpy.pi) / 2)), numpy.cos(half))
+
+
+# An IMU that turns steadily, and its mounting in the frame of the camera.
+TURN = numpy.array([0.5, -1.1, 0.7])  # rad/s
+MOUNT = numpy.array([1.2, 0.4, -0.3])
+
+
+def gravity_of(seconds):
+    return -(rotation_of(MOUNT) @ rotation_of(TURN * seconds).T)[:, 2]
+
+
+def imu_messages(encoding, noise, orientation=None, is_mounted=True):
+    """At 100 Hz from 1 s before the first image to 1.5 s after it."""
+    messages = drive_messages(encoding)
+    if is_mounted:
+        messages[0].data = ros.transforms(encoding, [
+            ("base", "left_optical", (0, 0.3, 0), (0, 0, 0, 1)),
+            ("left_optical", "imu", (1, 2, 3), quaternion_of(MOUNT)),
+            ("base", "right_optical", (0, 0, 0), (0, 0, 0, 1))])
+    rng = numpy.random.default_rng(1)
+    for i in range(-100, 150):
+        seconds = 0.01 * i
+        force = [0, 0, 9.81] + rng.normal(0, noise, 3)
+        time_ns = T0 + i * STEP // 10
+        messages.append(ros.Message("/imu", "sensor_msgs/Imu", time_ns, ros.imu(
+            encoding, time_ns, "imu", orientation and orientation(seconds),
+            TURN, rotation_of(TURN * seconds).T @ force)))
+    return messages
+
+
+def angles_deg(read):
+    expected = [gravity_of(0.1 * i) for i in range(8)]
+    return numpy.degrees(numpy.arccos(numpy.clip(
+        (read[:, 1:] * expected).sum(axis=1), -1, 1)))
+
+
+@pytest.mark.parametrize("encoding", ("ros1", "cdr"))
+def test_gravity_by_acceleration(encoding, importer, tmp_path):
+    """The error is that of the mean, and the stated one."""
+    path = tmp_path / ("drive.bag" if encoding == "ros1" else "drive.mcap")
+    write = ros.write_ros1_bag if encoding == "ros1" else ros.write_mcap
+    words = ("--sampling", "all", "--gravity_window_s", "0.4")
+    for noise in (0.0, 2.0):
+        write(path, imu_messages(encoding, noise))
+        folder, log = importer(path, *words, output=f"out{noise}")
+        assert "WARN" not in log.upper(), log
+        assert f"gravity_path {folder / 'gravity.txt'}" in log
+        read = numpy.loadtxt(folder / "gravity.txt")
+        assert_allclose(read[:, 0] - T0 / 1e9, 0.1 * numpy.arange(8), atol=1e-6)
+        expected_deg = numpy.degrees(noise / 9.81 / numpy.sqrt(41))
+        assert angles_deg(read).max() < 3.5 * expected_deg + 0.01
+        stated_deg = float(log.split("standard deviation ")[1].split()[0])
+        assert abs(stated_deg - expected_deg) < 0.5 * expected_deg + 0.01
+
+
+def half_turn(x, y, z, w):
+    """The product of the quaternion (1, 0, 0, 0) and this one."""
+    return (w, -z, y, -x)
+
+
+def test_gravity_by_orientation(importer, tmp_path):
+    """Unless it contradicts the acceleration, or is one for all times."""
+    cases = (("right", lambda s: quaternion_of(TURN * s), "orientation in", 0.1),
+             ("one", lambda s: (0, 0, 0, 1), "mean acceleration", 8),
+             ("down", lambda s: half_turn(*quaternion_of(TURN * s)), "z up", 8))
+    for name, orientation, expected, tolerance_deg in cases:
+        path = tmp_path / f"{name}.bag"
+        ros.write_ros1_bag(path, imu_messages("ros1", 2.0, orientation))
+        folder, log = importer(path, "--sampling", "all", "--gravity_window_s",
+                               "0.4", output=name)
+        assert expected in log, log
+        read = numpy.loadtxt(folder / "gravity.txt")
+        assert angles_deg(read).max() < tolerance_deg
+
+
+def test_axes_of_gravity(importer, tmp_path):
+    """Without tf, only those of the IMU are known."""
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, imu_messages("ros1", 0.0, is_mounted=False))
+    words = ("--sampling", "all")
+    folder, log = importer(path, *words)
+    assert not (folder / "gravity.txt").exists()
+    assert "'imu'" in log and "'left_optical'" in log and "/imu" in log
+    assert "gravity_axes" in log and "body_calibration" in log
+    folder, log = importer(path, *words, "--gravity_axes", "imu", output="imu")
+    assert "WARN" not in log.upper(), log
+    read = numpy.loadtxt(folder / "gravity.txt")
+    read[:, 1:] = read[:, 1:] @ rotation_of(MOUNT).T
+    assert angles_deg(read).max() < 0.01
+    folder, log = importer(path, *words, "--imu_topic", "none", output="none")
+    assert "WARN" not in log.upper(), log

@@ -125,6 +125,16 @@ def odometry(encoding, time_ns, child, position, quaternion):
     return message.add("d", *[0] * 42).done()
 
 
+def imu(encoding, time_ns, frame, orientation, angular_velocity, acceleration):
+    """A measurement that is None has the covariance -1."""
+    message = Serializer(encoding).header(time_ns, frame)
+    for value, size in ((orientation, 4), (angular_velocity, 3),
+                        (acceleration, 3)):
+        message.add("d", *([0.0] * size if value is None else value))
+        message.add("d", -1.0 if value is None else 0.0, *[0.0] * 8)
+    return message.done()
+
+
 @dataclasses.dataclass
 class Message:
     topic: str

@@ -74,6 +74,15 @@ int FindTopic(const Recording& recording, const TopicChoice& choice,
   return -1;
 }
 
+void WarnOfMissingStamps(const std::string& subject, size_t num,
+                         const char* content, const Context& context) {
+  if (num == 0) return;
+  context.Warning(subject + ": the headers of " + std::to_string(num) + " " +
+                  content +
+                  " have no time; the times at which they were received are "
+                  "used for these");
+}
+
 RecordedPositions::RecordedPositions(const Recording& recording,
                                      const RecordingImportOptions& options,
                                      const Context& context)
@@ -125,12 +134,9 @@ void RecordedPositions::Take(const RecordedMessage& message) {
 
 void RecordedPositions::Finish(const RecordedCamera& first,
                                const StaticFrames& frames) {
-  if (num_without_stamp_ > 0) {
-    context_.Warning(recording_.Subject(topic_idx_) + ": the headers of " +
-                     std::to_string(num_without_stamp_) +
-                     " positions have no time; the times at which they were "
-                     "received are used for these");
-  }
+  if (topic_idx_ < 0) return;
+  WarnOfMissingStamps(recording_.Subject(topic_idx_), num_without_stamp_,
+                      "positions", context_);
   if (!AreTransforms()) return;
   const std::string body = *options_.body_frame == "auto"
                                ? frames.RootFrom(first.frame_id).first

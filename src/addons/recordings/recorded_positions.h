@@ -28,6 +28,10 @@ struct TopicChoice {
 int FindTopic(const Recording& recording, const TopicChoice& choice,
               const Context& context);
 
+// Warns unless the number of headers without a time is 0.
+void WarnOfMissingStamps(const std::string& subject, size_t num,
+                         const char* content, const Context& context);
+
 // The positions of a recording.
 class RecordedPositions {
  public:

@@ -21,6 +21,7 @@
 #include "mgsfm/base/timer.h"
 #include "recordings/byte_reader.h"
 #include "recordings/image_messages.h"
+#include "recordings/recorded_gravity.h"
 #include "recordings/recorded_positions.h"
 #include "recordings/recording.h"
 #include "recordings/recording_cameras.h"
@@ -61,6 +62,7 @@ class RecordingImport {
         cameras_(ChooseCameras(recording, options.image_topics, context)),
         images_(cameras_.size()),
         positions_(recording, options, context),
+        gravity_(recording, options, context),
         camera_of_topic_(recording.topics().size(), -1) {
     for (size_t c = 0; c < cameras_.size(); ++c) {
       camera_of_topic_[cameras_[c].topic_idx] = static_cast<int>(c);
@@ -106,6 +108,7 @@ class RecordingImport {
   std::vector<RecordedCamera> cameras_;
   std::vector<CameraImages> images_;
   RecordedPositions positions_;
+  RecordedGravity gravity_;
   std::vector<int> camera_of_topic_;
   StaticFrames frames_;
   GroupedWarnings warnings_;
@@ -150,6 +153,8 @@ void RecordingImport::TakeMessage(const RecordedMessage& message) {
     TakeImage(message);
   } else if (message.topic_idx == positions_.topic_idx()) {
     positions_.Take(message);
+  } else if (message.topic_idx == gravity_.topic_idx()) {
+    gravity_.Take(message);
   } else if (topic.type == "tf2_msgs/TFMessage") {
     for (const TransformMessage& transform :
          ReadTransformMessages(message.data, topic.encoding)) {
@@ -174,6 +179,7 @@ void RecordingImport::ReadMessages() {
     if (camera.info_topic_idx >= 0) wanted[camera.info_topic_idx] = true;
   }
   if (positions_.topic_idx() >= 0) wanted[positions_.topic_idx()] = true;
+  if (gravity_.topic_idx() >= 0) wanted[gravity_.topic_idx()] = true;
   for (size_t i = 0; i < topics.size(); ++i) {
     if (topics[i].name == "/tf_static" && topics[i].IsReadable() &&
         topics[i].type == "tf2_msgs/TFMessage") {
@@ -419,6 +425,12 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
     summary.positions_are_gps = positions_.AreGps();
     ReplaceFile(summary.positions_path,
                 positions_.Lines(cameras_.front(), frames_));
+  }
+  const std::string gravity =
+      gravity_.Lines(cameras_.front(), frames_, images_.front().times_ns);
+  if (!gravity.empty()) {
+    summary.gravity_path = output_path / "gravity.txt";
+    ReplaceFile(summary.gravity_path, gravity);
   }
   return summary;
 }

@@ -96,6 +96,16 @@ class MessageReader {
       throw BytesError("has a pose that is not finite or no rotation");
     return {rotation.normalized(), {v[0], v[1], v[2]}};
   }
+  // Numbers and their covariance, which begins with -1 for no measurement.
+  template <size_t kSize>
+  std::optional<Eigen::Matrix<double, kSize, 1>> TakeMeasured() {
+    Eigen::Matrix<double, kSize, 1> values;
+    std::array<double, 9> covariance{};
+    for (double& value : values) value = Take<double>();
+    TakeAll(&covariance);
+    if (covariance[0] == -1.0 || !values.allFinite()) return std::nullopt;
+    return values;
+  }
 
  private:
   ByteReader bytes_;
@@ -180,6 +190,20 @@ PoseMessage ReadNavSatFixMessage(std::string_view message,
   for (double& value : position) value = reader.Take<double>();
   pose.is_valid = status >= 0 && position.allFinite();
   return pose;
+}
+
+ImuMessage ReadImuMessage(std::string_view message,
+                          const std::string& encoding) {
+  MessageReader reader(message, encoding);
+  ImuMessage imu;
+  imu.header = reader.TakeHeader();
+  const auto xyzw = reader.TakeMeasured<4>();
+  if (xyzw && std::abs(xyzw->norm() - 1.0) < 0.1) {
+    imu.world_from_imu = Eigen::Quaterniond(xyzw->normalized());
+  }
+  imu.angular_velocity = reader.TakeMeasured<3>();
+  imu.acceleration = reader.TakeMeasured<3>();
+  return imu;
 }
 
 PoseMessage ReadOdometryMessage(std::string_view message,

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -63,6 +64,14 @@ struct PoseMessage {
   bool is_valid = true;  // false: no fix
 };
 
+// What the sensor does not measure, or not as finite numbers, is nullopt.
+struct ImuMessage {
+  MessageHeader header;
+  std::optional<Eigen::Quaterniond> world_from_imu;
+  std::optional<Eigen::Vector3d> angular_velocity;  // rad/s
+  std::optional<Eigen::Vector3d> acceleration;      // m/s^2; upward at rest
+};
+
 // All functions throw BytesError for malformed messages. `encoding` is "ros1"
 // or "cdr".
 
@@ -80,5 +89,7 @@ PoseMessage ReadNavSatFixMessage(std::string_view message,
                                  const std::string& encoding);
 PoseMessage ReadOdometryMessage(std::string_view message,
                                 const std::string& encoding);
+ImuMessage ReadImuMessage(std::string_view message,
+                          const std::string& encoding);
 
 }  // namespace mgsfm
