@@ -40,7 +40,7 @@ std::string MovingFrames::FrameNames() const {
 
 std::vector<MovingFrames::Link> MovingFrames::ChainOf(
     const std::string& body, const std::string& world,
-    const StaticFrames& fixed) const {
+    const FrameTree& fixed) const {
   std::vector<Link> chain;
   std::set<std::string> passed;
   std::string frame = body;
@@ -77,9 +77,9 @@ std::vector<MovingFrames::Link> MovingFrames::ChainOf(
   return chain;
 }
 
-std::map<int64_t, Rigid3> MovingFrames::PosesOf(
-    const std::string& body, const std::string& world,
-    const StaticFrames& fixed) const {
+std::map<int64_t, Rigid3> MovingFrames::PosesOf(const std::string& body,
+                                                const std::string& world,
+                                                const FrameTree& fixed) const {
   const std::vector<Link> chain = ChainOf(body, world, fixed);
   std::vector<std::vector<TimedPose>> samples;  // per link; of fixed ones none
   const Poses* fastest = nullptr;

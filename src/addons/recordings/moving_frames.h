@@ -25,7 +25,7 @@ class MovingFrames {
   // parents or if there is no time at which the whole chain is known.
   std::map<int64_t, Rigid3> PosesOf(const std::string& body,
                                     const std::string& world,
-                                    const StaticFrames& fixed) const;
+                                    const FrameTree& fixed) const;
 
  private:
   // A frame of a chain relative to the one above.
@@ -37,7 +37,7 @@ class MovingFrames {
   using Poses = std::map<int64_t, Rigid3>;
 
   std::vector<Link> ChainOf(const std::string& body, const std::string& world,
-                            const StaticFrames& fixed) const;
+                            const FrameTree& fixed) const;
   std::string FrameNames() const;
 
   // parent_from_child by time, by child and parent.

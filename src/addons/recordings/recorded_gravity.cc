@@ -124,7 +124,7 @@ void RecordedGravity::Take(const RecordedMessage& message) {
 }
 
 std::optional<Eigen::Quaterniond> RecordedGravity::AxesFromImu(
-    const RecordedCamera& first, const StaticFrames& frames) const {
+    const RecordedCamera& first, const FrameTree& frames) const {
   if (*options_.gravity_axes == GravityAxes::kImu) {
     return Eigen::Quaterniond::Identity();
   }
@@ -168,7 +168,7 @@ MeasuredGravity RecordedGravity::Measure() const {
 }
 
 std::string RecordedGravity::Lines(const RecordedCamera& first,
-                                   const StaticFrames& frames,
+                                   const FrameTree& frames,
                                    const std::vector<int64_t>& times_ns) const {
   if (messages_.empty()) return "";
   WarnOfMissingStamps(recording_.Subject(topic_idx_), num_without_stamp_,

@@ -43,12 +43,12 @@ class RecordedGravity {
   // The gyroscope, if there is one, turns accelerations to the axes at that
   // time. The standard deviation of means is that of the changes between
   // adjacent windows; that of orientations contains that of the means.
-  std::string Lines(const RecordedCamera& first, const StaticFrames& frames,
+  std::string Lines(const RecordedCamera& first, const FrameTree& frames,
                     const std::vector<int64_t>& times_ns) const;
 
  private:
-  std::optional<Eigen::Quaterniond> AxesFromImu(
-      const RecordedCamera& first, const StaticFrames& frames) const;
+  std::optional<Eigen::Quaterniond> AxesFromImu(const RecordedCamera& first,
+                                                const FrameTree& frames) const;
   MeasuredGravity Measure() const;
 
   const Recording& recording_;

@@ -133,7 +133,7 @@ void RecordedPositions::Take(const RecordedMessage& message) {
 }
 
 void RecordedPositions::Finish(const RecordedCamera& first,
-                               const StaticFrames& frames) {
+                               const FrameTree& frames) {
   if (topic_idx_ < 0) return;
   WarnOfMissingStamps(recording_.Subject(topic_idx_), num_without_stamp_,
                       "positions", context_);
@@ -153,7 +153,7 @@ void RecordedPositions::Finish(const RecordedCamera& first,
 }
 
 std::string RecordedPositions::Lines(const RecordedCamera& first,
-                                     const StaticFrames& frames) const {
+                                     const FrameTree& frames) const {
   std::string lines = AreGps()
                           ? "# SECONDS LATITUDE LONGITUDE ALTITUDE 0 0 0 1\n"
                           : "# SECONDS X Y Z QX QY QZ QW\n";

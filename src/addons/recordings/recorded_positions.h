@@ -47,11 +47,10 @@ class RecordedPositions {
   // Takes a message of the topic. Throws BytesError if it is malformed.
   void Take(const RecordedMessage& message);
   // After the last message. Throws Error if /tf does not tell the positions.
-  void Finish(const RecordedCamera& first, const StaticFrames& frames);
+  void Finish(const RecordedCamera& first, const FrameTree& frames);
   // Lines "time x y z qx qy qz qw": of the antenna in degrees and meters, or
   // poses of the first camera, where the frames connect it with the body.
-  std::string Lines(const RecordedCamera& first,
-                    const StaticFrames& frames) const;
+  std::string Lines(const RecordedCamera& first, const FrameTree& frames) const;
 
  private:
   const RecordingTopic& Topic() const {

@@ -110,7 +110,7 @@ class RecordingImport {
   RecordedPositions positions_;
   RecordedGravity gravity_;
   std::vector<int> camera_of_topic_;
-  StaticFrames frames_;
+  FrameTree frames_;
   GroupedWarnings warnings_;
 };
 
@@ -158,7 +158,8 @@ void RecordingImport::TakeMessage(const RecordedMessage& message) {
   } else if (topic.type == "tf2_msgs/TFMessage") {
     for (const TransformMessage& transform :
          ReadTransformMessages(message.data, topic.encoding)) {
-      frames_.Add(transform);
+      frames_.Add(transform.parent, transform.child,
+                  transform.parent_from_child);
     }
   } else {
     for (RecordedCamera& camera : cameras_) {
