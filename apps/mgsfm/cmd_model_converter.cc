@@ -57,8 +57,8 @@ struct ModelConverterOptions {
   Option<std::string> body_calibration{
       "body_calibration", "",
       "Write a trajectory of the body instead of the reference camera: of the "
-      "inertial sensor in this file (T_cam_imu of Kalibr, in meters, as the "
-      "model must be)."};
+      "inertial sensor in this file (T_cam_imu of Kalibr, or a URDF, in "
+      "meters, as the model must be)."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
       "Read the times for tum and euroc from this file with one line "

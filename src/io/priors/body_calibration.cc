@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "priors/body_calibration.h"
 
+#include <algorithm>
 #include <filesystem>
 
 #include "base/file_reading.h"
@@ -10,6 +11,7 @@
 #include "calibration/calibration_rigs.h"
 #include "calibration/yaml_value.h"
 #include "mgsfm/base/error.h"
+#include "priors/urdf.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -17,15 +19,15 @@ namespace {
 
 constexpr const char* kLayout =
     "give T_cam_imu of a camera in the layout of Kalibr's camchain, as YAML or "
-    "JSON, with antenna_in_imu: [x, y, z] in meters";
+    "JSON, with antenna_in_imu: [x, y, z] in meters; or a URDF";
+
+std::string ExtensionOf(const std::string& path) {
+  return ToLower(std::filesystem::path(path).extension());
+}
 
 // Throws Error for formats that are not read.
 void CheckFormat(const std::string& path) {
-  const std::string extension =
-      ToLower(std::filesystem::path(path).extension());
-  if (extension == ".urdf" || extension == ".xacro" || extension == ".xml") {
-    throw Error("'" + path + "' is a URDF, which is not read; " + kLayout);
-  }
+  const std::string extension = ExtensionOf(path);
   if (extension == ".bag" || extension == ".mcap" || extension == ".db3") {
     throw Error("'" + path + "' is a recording, which is not read; " + kLayout);
   }
@@ -34,16 +36,100 @@ void CheckFormat(const std::string& path) {
 struct BodyFile {
   std::vector<CalibratedCamera> cameras;
   Eigen::Vector3d antenna_in_body = Eigen::Vector3d::Zero();
+  bool have_numbers = true;  // the cameras, as in cam0
 };
+
+// The link with a key, or else the only one with a word in its name.
+struct LinkChoice {
+  const char* key = "";  // "imu_link"
+  std::string name;      // empty: not given
+  std::vector<std::string> words;
+};
+
+// nullopt if there is none. Throws Error if there are several.
+std::optional<std::string> FindLink(const std::string& path, const Urdf& urdf,
+                                    const LinkChoice& choice) {
+  std::vector<std::string> found;
+  for (const std::string& link : urdf.links) {
+    const bool has_word = AnyOf(choice.words, [&](const std::string& word) {
+      return ToLower(link).find(word) != std::string::npos;
+    });
+    if (choice.name.empty() ? has_word : link == choice.name) {
+      found.push_back(link);
+    }
+  }
+  if (found.size() == 1) return found.front();
+  if (found.empty() && choice.name.empty()) return std::nullopt;
+  throw Error("'" + path + "' has " +
+              (found.empty() ? "no link '" + choice.name + "' (" + choice.key +
+                                   "), but " + Joined(urdf.links, ", ")
+                             : "the links " + Joined(found, ", ")) +
+              "; set " + choice.key +
+              " to one of them in a YAML file with the key urdf");
+}
+
+// A camera is called like its link, without an end. By convention, only optical
+// frames look along z, so that they come first.
+constexpr const char* kLinkEnds[] = {
+    "_optical_frame", "_optical_link", "_optical", "", "_link", "_frame"};
+
+// A URDF whose links carry the sensors.
+BodyFile ReadBodyOfUrdf(const std::string& path, const std::string& imu_link,
+                        const std::string& antenna_link) {
+  const Urdf urdf = ReadUrdf(path);
+  const auto imu = FindLink(path, urdf, {"imu_link", imu_link, {"imu"}});
+  if (!imu) {
+    throw Error("'" + path +
+                "' has no link with imu in its name; set imu_link in a YAML "
+                "file with the key urdf to one of the links " +
+                Joined(urdf.links, ", "));
+  }
+  BodyFile body;
+  body.have_numbers = false;
+  for (const std::string end : kLinkEnds) {
+    for (const std::string& link : urdf.links) {
+      const size_t size = link.size() - std::min(link.size(), end.size());
+      if (link.substr(size) != end) continue;
+      CalibratedCamera camera;
+      camera.names = {link.substr(0, size)};
+      camera.cam_from_imu = urdf.fixed.Between(link, *imu);
+      if (camera.cam_from_imu) body.cameras.push_back(std::move(camera));
+    }
+  }
+  const auto antenna = FindLink(
+      path, urdf, {"antenna_link", antenna_link, {"antenna", "gnss", "gps"}});
+  if (!antenna) return body;
+  const auto imu_from_antenna = urdf.fixed.Between(*imu, *antenna);
+  if (!imu_from_antenna) {
+    throw Error("'" + path + "': no fixed joints connect the links '" + *imu +
+                "' and '" + *antenna + "'; correct the joints or the links");
+  }
+  body.antenna_in_body = imu_from_antenna->translation;
+  return body;
+}
+
+// The names of links in a YAML file.
+BodyFile ReadBodyOfLinks(const std::string& path, const YamlValue& file) {
+  const auto text = [&](const char* key) {
+    const auto value = file.Find(key);
+    return value ? value->Text() : std::string();
+  };
+  return ReadBodyOfUrdf(
+      std::filesystem::path(path).parent_path() / file["urdf"].Text(),
+      text("imu_link"), text("antenna_link"));
+}
 
 BodyFile ReadFileOfBody(const std::string& path) {
   CheckFormat(path);
+  const std::vector<std::string> of_urdf = {".urdf", ".xacro", ".xml"};
+  if (Contains(of_urdf, ExtensionOf(path))) return ReadBodyOfUrdf(path, "", "");
   const YamlValue file(path, ReadFile(path));
   if (!file.IsMap()) throw Error("'" + path + "' is no map; " + kLayout);
   if (file.Has("transforms")) {
     throw Error("'" + path + "' is a dump of tf, which is not read; " +
                 kLayout);
   }
+  if (file.Has("urdf")) return ReadBodyOfLinks(path, file);
   BodyFile body;
   body.cameras = ReadKalibrPoses(file);
   if (NoneOf(body.cameras,
@@ -73,7 +159,9 @@ const CalibratedCamera* FindCamera(const BodyFile& file, const Scene& scene,
   }
   const auto number = NumberAtEnd(name);
   for (const CalibratedCamera& camera : file.cameras) {
-    if (number && NumberAtEnd(camera.names.back()) == number) return &camera;
+    if (number && file.have_numbers &&
+        NumberAtEnd(camera.names.back()) == number)
+      return &camera;
   }
   return nullptr;
 }
@@ -111,9 +199,10 @@ const Rigid3& Body::CamFromBody(const Scene& scene, int image_idx) const {
   const Image& image = scene.images[image_idx];
   const auto& pose = cam_from_body[image.sensor_idx];
   if (pose) return *pose;
-  throw Error("'" + path + "' has no pose of camera '" +
-              scene.sensors[image.sensor_idx].name + "', whose image '" +
-              image.name + "' has a measurement; add its T_cam_imu");
+  throw Error(
+      "'" + path + "' has no pose of camera '" +
+      scene.sensors[image.sensor_idx].name + "', whose image '" + image.name +
+      "' has a measurement; add its T_cam_imu, or fixed joints to its link");
 }
 
 Body ReadBody(const Scene& scene, const std::string& path) {

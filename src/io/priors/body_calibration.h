@@ -28,6 +28,12 @@ struct Body {
 // The key antenna_in_imu, [x, y, z] in meters, is the antenna, or else the
 // antenna is at the inertial sensor.
 //
+// Or a URDF, whose only link with imu in its name is the inertial sensor, and
+// with antenna, gnss or gps, if there is one, the antenna. Cameras are called
+// like their links, without _optical_frame, _optical_link, _optical, _link and
+// _frame, in this order. The keys urdf, imu_link and antenna_link of a YAML
+// file name others.
+//
 // A sensor has the camera with its name or number, as in calibration_rigs.h, or
 // the only camera if it is the only sensor. Sensors that the file lacks follow
 // from known poses in their rig. Throws Error for a file of another format, if
