@@ -46,7 +46,8 @@ struct CalibratedCamera {
 //   nuScenes         calibrated_sensor.json with sensor.json, or one object per
 //                    camera
 //   Argoverse        vehicle_calibration_info.json
-//   OpenSfM          rig_cameras.json with camera_models.json
+//   OpenSfM          rig_cameras.json with camera_models.json (frames of
+//                    rig_assignments.json: calibration_rigs.h)
 //   kapture          sensors.txt with rigs.txt
 // `paths` is a file, several files separated by commas, or a folder, whose
 // calibrations are read together with those one level below. Throws Error,

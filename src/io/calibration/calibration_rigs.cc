@@ -19,6 +19,8 @@
 namespace mgsfm {
 namespace {
 
+namespace fs = std::filesystem;
+
 // Cameras with a common trigger agree within this difference.
 constexpr double kMaxTriggerDifference_s = 1e-3;
 
@@ -171,14 +173,16 @@ std::vector<double> ScaledParams(const CalibratedCamera& camera,
   return params;
 }
 
+void CheckHasModel(const CalibratedCamera& camera, const std::string& images) {
+  if (camera.why_no_model.empty()) return;
+  throw Error(camera.place + ": camera '" + camera.names.front() +
+              "' of the images in '" + images + "' " + camera.why_no_model);
+}
+
 RigConfigCamera MakeConfig(const RigInput& input,
                            const CalibratedCamera& camera,
                            const Prefix& prefix) {
-  if (!camera.why_no_model.empty()) {
-    throw Error(camera.place + ": camera '" + camera.names.front() +
-                "' of the images in '" + prefix.text + "' " +
-                camera.why_no_model);
-  }
+  CheckHasModel(camera, prefix.text);
   RigConfigCamera config;
   config.image_prefix = prefix.text;
   if (!camera.model) return config;
@@ -288,7 +292,106 @@ bool IsRigConfig(const std::string& path) {
   return !items.empty() && items.front().second.Has("cameras");
 }
 
+// An image of an instance of OpenSfM.
+struct InstanceImage {
+  const CalibratedCamera* camera = nullptr;
+  std::string frame;  // its first image
+};
+
+// By name. Instances are arrays of pairs [image, rig camera], in an object or
+// an array, and become frames called like their first image.
+std::map<std::string, InstanceImage> ReadInstances(
+    const fs::path& path, const std::vector<CalibratedCamera>& cameras) {
+  std::map<std::string, const CalibratedCamera*> camera_of_name;
+  for (const CalibratedCamera& camera : cameras) {
+    camera_of_name[camera.names.front()] = &camera;
+  }
+  std::map<std::string, InstanceImage> images;
+  const YamlValue file(path.string(), ReadFile(path));
+  for (const auto& [id, instance] : file.Items()) {
+    std::string frame;
+    for (const auto& [key, pair] : instance.Items()) {
+      const auto texts = pair.Items();
+      if (texts.size() != 2) pair.Throw("is no pair [image, rig camera]");
+      const std::string name = texts[0].second.Text();
+      const auto camera = camera_of_name.find(texts[1].second.Text());
+      if (camera == camera_of_name.end()) {
+        texts[1].second.Throw(
+            "is no camera of rig_cameras.json; correct one of the files");
+      }
+      if (frame.empty()) frame = name;
+      if (!images.emplace(name, InstanceImage{camera->second, frame}).second) {
+        texts[0].second.Throw("is in two instances; delete one of them");
+      }
+    }
+  }
+  return images;
+}
+
+// Poses relative to the base, and intrinsics.
+void SetCalibration(const CalibratedCamera& camera, const RigInput& input,
+                    size_t image, RigAssignment::Sensor* sensor) {
+  CheckHasModel(camera, input.contents.images[image].name);
+  sensor->sensor_from_rig = camera.cam_from_base;
+  if (!camera.model) return;
+  sensor->camera_model = camera.model;
+  sensor->camera_params =
+      ScaledParams(camera, input.CameraOf(static_cast<int>(image)));
+}
+
 }  // namespace
+
+std::optional<RigAssignment> AssignByInstances(const RigInput& input,
+                                               const std::string& path,
+                                               const Context& context) {
+  std::error_code ignored;  // a list of files is too long for a name
+  const fs::path cameras_path = fs::is_directory(path, ignored)
+                                    ? fs::path(path) / "rig_cameras.json"
+                                    : fs::path(path);
+  const fs::path file = cameras_path.parent_path() / "rig_assignments.json";
+  if (cameras_path.filename() != "rig_cameras.json" ||
+      !fs::exists(file, ignored)) {
+    return std::nullopt;
+  }
+  const auto cameras = ReadCalibration(cameras_path);
+  const auto instances = ReadInstances(file, cameras);
+  std::vector<const CalibratedCamera*> camera_of_image;
+  std::vector<ImageKeys> keys;
+  for (const ImageRow& image : input.contents.images) {
+    // Keys that no other image has make an image single.
+    const auto found = instances.find(image.name);
+    const InstanceImage listed = found == instances.end()
+                                     ? InstanceImage{nullptr, "\n" + image.name}
+                                     : found->second;
+    camera_of_image.push_back(listed.camera);
+    const std::string& sensor =
+        listed.camera ? listed.camera->names.front() : listed.frame;
+    keys.push_back(
+        {"", sensor, listed.frame, sensor, WithoutExtension(listed.frame)});
+  }
+  const auto num_listed = CountIf(
+      camera_of_image, [](const auto* camera) { return camera != nullptr; });
+  if (num_listed == 0) {
+    throw Error("'" + file.string() +
+                "' names none of the images; give names relative to "
+                "image_path");
+  }
+  context.Info("frames of " + std::to_string(num_listed) + " of " +
+               std::to_string(keys.size()) + " images by '" + file.string() +
+               "'; others are single");
+  RigAssignment assignment = AssignByKeys(input, keys);
+  assignment.source = "'" + file.string() + "'";
+  for (size_t i = 0; i < keys.size(); ++i) {
+    RigAssignment::Sensor& sensor =
+        assignment.sensors[assignment.sensor_of_image[i]];
+    if (camera_of_image[i] == nullptr || sensor.name != keys[i].sensor_name ||
+        sensor.sensor_from_rig) {
+      continue;
+    }
+    SetCalibration(*camera_of_image[i], input, i, &sensor);
+  }
+  return assignment;
+}
 
 std::optional<int> NumberAtEnd(const std::string& name) {
   const size_t begin = name.find_last_not_of("0123456789") + 1;

@@ -29,6 +29,15 @@ std::vector<RigConfig> ReadCalibrationRigs(const RigInput& input,
                                            const std::string& paths,
                                            const Context& context);
 
+// The rigs of OpenSfM's rig_cameras.json, or of its folder, with the frames of
+// rig_assignments.json beside it; images that it lacks are single. nullopt
+// without this file, or for another calibration. Throws Error, naming file and
+// line, for malformed pairs, unknown cameras, repeated images, and if it names
+// no image.
+std::optional<RigAssignment> AssignByInstances(const RigInput& input,
+                                               const std::string& path,
+                                               const Context& context);
+
 // The number at the end of a name that consists of letters and this number.
 std::optional<int> NumberAtEnd(const std::string& name);
 

@@ -266,6 +266,11 @@ RigAssignment AssignRigs(const RigInput& input,
   const bool is_config = !options.rig_config_path->empty();
   const std::string& path =
       is_config ? options.rig_config_path : options.calibration_path;
+  if (!is_config && times == nullptr) {
+    if (auto assignment = AssignByInstances(input, path, context)) {
+      return *std::move(assignment);
+    }
+  }
   const std::vector<RigConfig> rigs =
       is_config ? ReadRigConfigOrModel(path, context)
                 : ReadCalibrationRigs(input, path, context);
