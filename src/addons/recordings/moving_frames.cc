@@ -52,7 +52,7 @@ std::vector<MovingFrames::Link> MovingFrames::ChainOf(
     const auto* parent = fixed.FindParent(frame);
     const auto moving = parents_of_.find(frame);
     if (parent != nullptr) {
-      chain.push_back({frame, &parent->second, nullptr});
+      chain.push_back({&parent->second, nullptr});
       frame = parent->first;
     } else if (moving == parents_of_.end()) {
       break;
@@ -62,7 +62,7 @@ std::vector<MovingFrames::Link> MovingFrames::ChainOf(
                   "' and '" + std::next(first)->first +
                   "'; choose another body_frame or position_topic");
     } else {
-      chain.push_back({frame, nullptr, &moving->second.begin()->second});
+      chain.push_back({nullptr, &moving->second.begin()->second});
       frame = moving->second.begin()->first;
     }
   }
@@ -111,13 +111,8 @@ std::map<int64_t, Rigid3> MovingFrames::PosesOf(const std::string& body,
     if (is_known) poses.emplace(time_ns, world_from_body);
   }
   if (!poses.empty()) return poses;
-  std::vector<std::string> moving;
-  for (const Link& link : chain) {
-    if (link.moving) moving.push_back(link.child);
-  }
-  throw Error("has no time at which the frames " + Joined(moving, ", ") +
-              " are all known; set body_frame and world_frame to two frames "
-              "with fewer between them");
+  throw Error("has no time at which all frames above '" + body +
+              "' are known; set world_frame to a frame nearer to it");
 }
 
 }  // namespace mgsfm

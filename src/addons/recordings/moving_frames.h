@@ -30,7 +30,6 @@ class MovingFrames {
  private:
   // A frame of a chain relative to the one above.
   struct Link {
-    std::string child;
     const Rigid3* fixed = nullptr;  // parent_from_child
     const std::map<int64_t, Rigid3>* moving = nullptr;
   };

@@ -21,8 +21,7 @@
 #include "mgsfm/base/timer.h"
 #include "recordings/byte_reader.h"
 #include "recordings/image_messages.h"
-#include "recordings/recorded_gravity.h"
-#include "recordings/recorded_positions.h"
+#include "recordings/recorded_priors.h"
 #include "recordings/recording.h"
 #include "recordings/recording_cameras.h"
 #include "video/motion_sampler.h"
@@ -61,8 +60,7 @@ class RecordingImport {
         context_(context),
         cameras_(ChooseCameras(recording, options.image_topics, context)),
         images_(cameras_.size()),
-        positions_(recording, options, context),
-        gravity_(recording, options, context),
+        priors_(recording, options, context),
         camera_of_topic_(recording.topics().size(), -1) {
     for (size_t c = 0; c < cameras_.size(); ++c) {
       camera_of_topic_[cameras_[c].topic_idx] = static_cast<int>(c);
@@ -107,8 +105,7 @@ class RecordingImport {
   const Context& context_;
   std::vector<RecordedCamera> cameras_;
   std::vector<CameraImages> images_;
-  RecordedPositions positions_;
-  RecordedGravity gravity_;
+  RecordedPriors priors_;
   std::vector<int> camera_of_topic_;
   FrameTree frames_;
   GroupedWarnings warnings_;
@@ -151,10 +148,8 @@ void RecordingImport::TakeMessage(const RecordedMessage& message) {
   const RecordingTopic& topic = Topic(message.topic_idx);
   if (camera_of_topic_[message.topic_idx] >= 0) {
     TakeImage(message);
-  } else if (message.topic_idx == positions_.topic_idx()) {
-    positions_.Take(message);
-  } else if (message.topic_idx == gravity_.topic_idx()) {
-    gravity_.Take(message);
+  } else if (priors_.Have(message.topic_idx)) {
+    priors_.Take(message);
   } else if (topic.type == "tf2_msgs/TFMessage") {
     for (const TransformMessage& transform :
          ReadTransformMessages(message.data, topic.encoding)) {
@@ -179,13 +174,11 @@ void RecordingImport::ReadMessages() {
     wanted[camera.topic_idx] = true;
     if (camera.info_topic_idx >= 0) wanted[camera.info_topic_idx] = true;
   }
-  if (positions_.topic_idx() >= 0) wanted[positions_.topic_idx()] = true;
-  if (gravity_.topic_idx() >= 0) wanted[gravity_.topic_idx()] = true;
   for (size_t i = 0; i < topics.size(); ++i) {
-    if (topics[i].name == "/tf_static" && topics[i].IsReadable() &&
-        topics[i].type == "tf2_msgs/TFMessage") {
-      wanted[i] = true;
-    }
+    const bool has_frames = topics[i].name == "/tf_static" &&
+                            topics[i].IsReadable() &&
+                            topics[i].type == "tf2_msgs/TFMessage";
+    if (has_frames || priors_.Have(static_cast<int>(i))) wanted[i] = true;
   }
   recording_.Read(wanted, context_, [&](const RecordedMessage& message) {
     try {
@@ -196,7 +189,7 @@ void RecordingImport::ReadMessages() {
       throw Error(Subject(message.topic_idx) + " " + error.what());
     }
   });
-  positions_.Finish(cameras_.front(), frames_);
+  priors_.Finish(cameras_.front(), frames_);
 }
 
 void RecordingImport::SetTimes(size_t camera_idx) {
@@ -421,14 +414,15 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
     summary.rig_config_path = output_path / "rig_config.json";
     ReplaceFile(summary.rig_config_path, RigConfigsToJson({*rig}));
   }
-  if (!positions_.IsEmpty()) {
+  const std::string positions =
+      priors_.PositionLines(cameras_.front(), frames_);
+  if (!positions.empty()) {
     summary.positions_path = output_path / "positions.txt";
-    summary.positions_are_gps = positions_.AreGps();
-    ReplaceFile(summary.positions_path,
-                positions_.Lines(cameras_.front(), frames_));
+    summary.positions_are_gps = priors_.PositionsAreGps();
+    ReplaceFile(summary.positions_path, positions);
   }
   const std::string gravity =
-      gravity_.Lines(cameras_.front(), frames_, images_.front().times_ns);
+      priors_.GravityLines(cameras_.front(), frames_, images_.front().times_ns);
   if (!gravity.empty()) {
     summary.gravity_path = output_path / "gravity.txt";
     ReplaceFile(summary.gravity_path, gravity);
