@@ -101,6 +101,9 @@ RecordingImportSummary ImportRecordingInto(
   }
   if (!summary.gravity_path.empty()) {
     add("gravity_path", summary.gravity_path.string());
+    if (options.gravity_axes == GravityAxes::kImu) {
+      add("body_calibration", "FILE");
+    }
   }
   if (summary.max_time_difference_s > 0.0) {
     add("frame_max_time_difference_s",
@@ -242,8 +245,8 @@ struct RecordingImporterOptions {
       "output_path", "",
       "Write images/CAMERA/TIME.png, rig_config.json, positions.txt and "
       "gravity.txt into this folder. Images of an interrupted run with the "
-      "same settings are "
-      "kept. By default, only the topics of the recording are listed."};
+      "same settings are kept. By default, only the topics of the recording "
+      "are listed."};
   RecordingImportOptions import;
 
   template <class Visitor>

@@ -595,6 +595,22 @@ def test_positions_of_tf(encoding, importer, tmp_path):
         # Times in double precision are accurate to 0.2 us.
         assert_allclose(read[:, 1:4], expected, atol=1e-6)
 
+    # Older bags have another name of the type, and drivers write NaN.
+    messages = [message for message in tf_messages(encoding)
+                if message.topic != "/tf_static"] + [
+        ros.Message(topic, "tf/tfMessage", T0, ros.transforms(encoding, items))
+        for topic, items in (
+            ("/tf_static", [("base", "left_optical", (0, 0.3, 0),
+                             (0, 0, 0, 1))]),
+            ("/tf2", [("odom", "base", (numpy.nan, 0, 0), (0, 0, 0, 1)),
+                      ("odom", "base", (0, 1, 0), (0, 0, 0, 1))]))]
+    other = tmp_path / f"other{path.suffix}"
+    write(other, messages)
+    folder, log = importer(other, "--sampling", "all", "--position_topic",
+                           "/tf2", output="older")
+    assert "damaged" not in log
+    assert_allclose(numpy.loadtxt(folder / "positions.txt")[1:4], (0, 1.3, 0))
+
     # Above a frame that nothing fixes to the camera, positions are its own.
     folder, log = importer(path, *words, "--body_frame", "odom", output="other")
     assert "does not connect the frame 'odom'" in log
@@ -611,9 +627,11 @@ def test_tf_that_does_not_tell_is_an_error(importer, tmp_path):
              (path, (*topic, "--world_frame", "utm"), ("'utm'", "base, map")),
              (path, ("--world_frame", "map"), ("position_topic to",)),
              (path, ("--position_topic", "/tf_static"), ("'/tf_static'",
-                                                         "do not move"))]
+                                                         "position_topic"))]
     two = tmp_path / "two.bag"
-    ros.write_ros1_bag(two, tf_messages("ros1") + tf_messages("ros1", "utm"))
+    ros.write_ros1_bag(two, tf_messages("ros1") + [
+        message for message in tf_messages("ros1", "utm")
+        if message.topic == "/tf"])
     cases.append((two, topic, ("'map'", "'utm'")))
     cycle = tmp_path / "cycle.bag"
     ros.write_ros1_bag(cycle, tf_messages("ros1", "base"))
@@ -625,6 +643,11 @@ def test_tf_that_does_not_tell_is_an_error(importer, tmp_path):
         for parent, child, time_ns in (("map", "odom", 0),
                                        ("odom", "base", 1000))])
     cases.append((apart, topic, ("above 'base'", "world_frame")))
+    dark = tmp_path / "dark.bag"
+    ros.write_ros1_bag(dark, [m for m in tf_messages("ros1")
+                              if "image_raw" not in m.topic] + [
+        ros.Message("/left/image_raw", "sensor_msgs/Image", T0, b"short")])
+    cases.append((dark, topic, ("no image that can be read",)))
     for i, (file, words, expected) in enumerate(cases):
         folder, log = importer(file, "--sampling", "all", *words, fails=True,
                                output=f"out{i}")
@@ -659,7 +682,8 @@ def gravity_of(seconds):
     return -(rotation_of(MOUNT) @ rotation_of(TURN * seconds).T)[:, 2]
 
 
-def imu_messages(encoding, noise, orientation=None, is_mounted=True):
+def imu_messages(encoding, noise, orientation=None, is_mounted=True,
+                 gravity=9.81, change=lambda i, force: force):
     """At 100 Hz from 1 s before the first image to 1.5 s after it."""
     messages = drive_messages(encoding)
     if is_mounted:
@@ -670,7 +694,7 @@ def imu_messages(encoding, noise, orientation=None, is_mounted=True):
     rng = numpy.random.default_rng(1)
     for i in range(-100, 150):
         seconds = 0.01 * i
-        force = [0, 0, 9.81] + rng.normal(0, noise, 3)
+        force = change(i, [0, 0, gravity] + rng.normal(0, noise, 3))
         time_ns = T0 + i * STEP // 10
         messages.append(ros.Message("/imu", "sensor_msgs/Imu", time_ns, ros.imu(
             encoding, time_ns, "imu", orientation and orientation(seconds),
@@ -724,6 +748,64 @@ def test_gravity_by_orientation(importer, tmp_path):
         assert angles_deg(read).max() < tolerance_deg
 
 
+def test_single_messages_do_not_count(importer, tmp_path):
+    """Without a quantity, or with numbers that no sensor measures."""
+    def orientation(seconds):
+        return ((0, 0, 0, 0) if seconds < -0.95 else
+                quaternion_of(TURN * seconds))
+
+    for value in (numpy.nan, 1e18, 1e300):
+        def change(i, force):
+            return [value] * 3 if i == -20 else force
+        for name, turned in (("mean", None), ("orientation", orientation)):
+            path = tmp_path / "drive.bag"
+            ros.write_ros1_bag(path, imu_messages("ros1", 0.0, turned,
+                                                  change=change))
+            folder, log = importer(path, "--sampling", "all",
+                                   "--gravity_window_s", "0.4",
+                                   output=f"{name}{value}")
+            assert f"by the {name}" in log
+            read = numpy.loadtxt(folder / "gravity.txt")
+            assert angles_deg(read).max() < 0.01
+
+
+def test_acceleration_without_gravity(importer, tmp_path):
+    """Only the orientation tells. A large deviation causes a warning."""
+    path = tmp_path / "drive.bag"
+    words = ("--sampling", "all", "--gravity_window_s", "0.4")
+    ros.write_ros1_bag(path, imu_messages(
+        "ros1", 0.3, lambda s: quaternion_of(TURN * s), gravity=0))
+    folder, log = importer(path, *words)
+    assert "by the orientation in /imu, unknown standard deviation" in log
+    assert "WARN" not in log.upper()
+    assert angles_deg(numpy.loadtxt(folder / "gravity.txt")).max() < 0.1
+    ros.write_ros1_bag(path, imu_messages("ros1", 0.3, gravity=0))
+    folder, log = importer(path, *words, output="none")
+    assert not (folder / "gravity.txt").exists()
+    assert "instead of 9.81 m/s^2; set imu_topic" in log
+    ros.write_ros1_bag(path, imu_messages(
+        "ros1", 0.3, change=lambda i, force: force + [3 * (i // 40 % 2), 0, 0]))
+    _, log = importer(path, *words, output="noisy")
+    assert "of which mapper tolerates 5 deg" in log, log
+
+
+def test_gravity_of_a_second_run(importer, tmp_path):
+    """Its options do not invalidate images, and no old file remains."""
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, imu_messages("ros1", 0.0))
+    words = ("--sampling", "all")
+    folder, log = importer(path, *words)
+    assert "--body_calibration" not in log
+    text = (folder / "gravity.txt").read_text()
+    assert text.startswith("# SECONDS GX GY GZ in the axes of the camera 'left'")
+    _, log = importer(path, *words, "--gravity_axes", "imu")
+    assert "16 were already there" in log and "--body_calibration FILE" in log
+    text = (folder / "gravity.txt").read_text()
+    assert "in the axes of the frame 'imu'" in text
+    importer(path, *words, "--imu_topic", "none")
+    assert not (folder / "gravity.txt").exists()
+
+
 def test_axes_of_gravity(importer, tmp_path):
     """Without tf, only those of the IMU are known."""
     path = tmp_path / "drive.bag"
@@ -733,6 +815,9 @@ def test_axes_of_gravity(importer, tmp_path):
     assert not (folder / "gravity.txt").exists()
     assert "'imu'" in log and "'left_optical'" in log and "/imu" in log
     assert "gravity_axes" in log and "body_calibration" in log
+    assert "WARN" not in log.upper(), log
+    _, log = importer(path, *words, "--imu_topic", "/imu", output="named")
+    assert "WARN" in log.upper()
     folder, log = importer(path, *words, "--gravity_axes", "imu", output="imu")
     assert "WARN" not in log.upper(), log
     read = numpy.loadtxt(folder / "gravity.txt")

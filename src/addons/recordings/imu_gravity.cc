@@ -5,19 +5,22 @@
 #include <utility>
 
 #include "base/nanoseconds.h"
+#include "base/ranges.h"
 #include "geometry/so3.h"
+#include "math/statistics.h"
+#include "priors/timed_samples.h"
 
 namespace mgsfm {
 namespace {
 
 using Eigen::Vector3d;
 
+constexpr double kGravity = 9.81;  // m/s^2
 // Other conventions, such as a world with z down, differ by 90 or 180.
 constexpr double kMaxDisagreementDeg = 30.0;
-
-double SecondsOf(const ImuMessage& message) {
-  return static_cast<double>(message.header.stamp_ns) / kNsPerSecond;
-}
+// A motion that turns means by this angle makes them 15 % longer; without
+// gravity, and over turns that no gyroscope measures, they are much shorter.
+constexpr double kMaxLengthError = 0.15;
 
 // Half of the variance of an angle is that about each of two axes.
 std::optional<double> SigmaDeg(const std::vector<double>& angles_rad) {
@@ -32,14 +35,15 @@ std::optional<double> SigmaDeg(const std::vector<double>& angles_rad) {
 std::vector<TimedVector> ByOrientation(
     const std::vector<ImuMessage>& messages) {
   std::vector<TimedVector> in_imu;
+  const Eigen::Quaterniond* first = nullptr;
   bool varies = false;
   for (const ImuMessage& message : messages) {
-    const auto& orientation = message.world_from_imu;
-    if (!orientation) return {};
-    varies = varies ||
-             orientation->coeffs() != messages.front().world_from_imu->coeffs();
-    in_imu.push_back({SecondsOf(message),
-                      orientation->conjugate() * -Vector3d::UnitZ(),
+    if (!message.world_from_imu) continue;
+    const Eigen::Quaterniond& orientation = *message.world_from_imu;
+    if (first == nullptr) first = &orientation;
+    varies = varies || orientation.coeffs() != first->coeffs();
+    in_imu.push_back({Seconds(message.stamp_ns),
+                      orientation.conjugate() * -Vector3d::UnitZ(),
                       std::nullopt});
   }
   if (!varies) in_imu.clear();
@@ -55,7 +59,7 @@ std::vector<Eigen::Quaterniond> StartFromImu(
     const ImuMessage& after = messages[k];
     Vector3d turn = Vector3d::Zero();
     if (before.angular_velocity && after.angular_velocity) {
-      turn = 0.5 * (SecondsOf(after) - SecondsOf(before)) *
+      turn = 0.5 * Seconds(after.stamp_ns - before.stamp_ns) *
              (*before.angular_velocity + *after.angular_velocity);
     }
     rotations.push_back((rotations.back() * ExpSO3(turn)).normalized());
@@ -63,24 +67,25 @@ std::vector<Eigen::Quaterniond> StartFromImu(
   return rotations;
 }
 
-// Empty if a message lacks an acceleration.
-MeasuredGravity ByAcceleration(const std::vector<ImuMessage>& messages,
+MeasuredGravity ByAcceleration(std::vector<ImuMessage> messages,
                                double window_s) {
+  EraseIf(&messages, [](const auto& message) { return !message.acceleration; });
+  MeasuredGravity gravity;
+  if (messages.empty()) return gravity;
   const auto start_from_imu = StartFromImu(messages);
   const size_t size = messages.size();
   std::vector<Vector3d> forces, means;  // in the axes of the first message
-  std::vector<double> t, angles_rad;
+  std::vector<double> t, lengths, angles_rad;
   for (size_t k = 0; k < size; ++k) {
-    if (!messages[k].acceleration) return {};
     forces.emplace_back(start_from_imu[k] * *messages[k].acceleration);
-    t.push_back(SecondsOf(messages[k]));
+    t.push_back(Seconds(messages[k].stamp_ns));
   }
-  MeasuredGravity gravity;
   Vector3d sum = Vector3d::Zero();
   size_t begin = 0, end = 0, other = 0;
   for (size_t k = 0; k < size; ++k) {
     while (end < size && t[end] - t[k] <= 0.5 * window_s) sum += forces[end++];
     while (t[k] - t[begin] > 0.5 * window_s) sum -= forces[begin++];
+    lengths.push_back(sum.norm() / static_cast<double>(end - begin));
     means.emplace_back(-sum.normalized());
     gravity.in_imu.push_back(
         {t[k], start_from_imu[k].conjugate() * means[k], std::nullopt});
@@ -88,25 +93,30 @@ MeasuredGravity ByAcceleration(const std::vector<ImuMessage>& messages,
     if (t[k] - t[other] < window_s) continue;
     angles_rad.push_back(AngleBetween(means[other], means[k]) / std::sqrt(2.0));
   }
+  gravity.mean_acceleration = Median(std::move(lengths));
   gravity.sigma_deg = SigmaDeg(angles_rad);
+  const double error = std::abs(*gravity.mean_acceleration / kGravity - 1.0);
+  if (error > kMaxLengthError) gravity.in_imu.clear();
   return gravity;
 }
 
 }  // namespace
 
-MeasuredGravity MeasureGravity(const std::vector<ImuMessage>& messages,
+MeasuredGravity MeasureGravity(std::vector<ImuMessage> messages,
                                double window_s) {
-  MeasuredGravity measured = ByAcceleration(messages, window_s);
   std::vector<TimedVector> in_imu = ByOrientation(messages);
+  MeasuredGravity measured = ByAcceleration(std::move(messages), window_s);
   if (in_imu.empty()) return measured;
+  const double max_gap_s = MaxGapSeconds(in_imu);
   std::vector<double> angles_rad;
-  for (size_t k = 0; k < measured.in_imu.size(); ++k) {
-    angles_rad.push_back(
-        AngleBetween(measured.in_imu[k].value, in_imu[k].value));
+  for (const TimedVector& mean : measured.in_imu) {
+    const auto place = FindBetween(in_imu, max_gap_s, mean.timestamp_s);
+    if (!place) continue;
+    angles_rad.push_back(AngleBetween(mean.value, Interpolate(*place).value));
   }
   const auto sigma_deg = SigmaDeg(angles_rad);
   if (sigma_deg.value_or(0.0) > kMaxDisagreementDeg) return measured;
-  return {std::move(in_imu), sigma_deg, true};
+  return {std::move(in_imu), sigma_deg, measured.mean_acceleration, true};
 }
 
 }  // namespace mgsfm

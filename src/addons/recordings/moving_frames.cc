@@ -2,40 +2,28 @@
 #include "recordings/moving_frames.h"
 
 #include <iterator>
-#include <set>
 
+#include "base/nanoseconds.h"
 #include "base/ranges.h"
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 #include "priors/timed_samples.h"
 
 namespace mgsfm {
-namespace {
-
-double Seconds(int64_t time_ns) { return 1e-9 * static_cast<double>(time_ns); }
-
-std::vector<TimedPose> SamplesOf(const std::map<int64_t, Rigid3>& poses) {
-  std::vector<TimedPose> samples;
-  for (const auto& [time_ns, parent_from_child] : poses) {
-    samples.push_back({Seconds(time_ns), parent_from_child.Inverse()});
-  }
-  return samples;
-}
-
-}  // namespace
 
 void MovingFrames::Add(const TransformMessage& transform, int64_t time_ns) {
+  names_.insert({transform.child, transform.parent});
   parents_of_[transform.child][transform.parent].emplace(
       time_ns, transform.parent_from_child);
 }
 
-std::string MovingFrames::FrameNames() const {
-  std::set<std::string> names;
-  for (const auto& [child, parents] : parents_of_) {
-    names.insert(child);
-    for (const auto& [parent, poses] : parents) names.insert(parent);
+MovingFrames::Link MovingFrames::MovingLink(const Poses& poses) {
+  Link link{nullptr, &poses};
+  for (const auto& [time_ns, parent_from_child] : poses) {
+    link.samples.push_back({Seconds(time_ns), parent_from_child.Inverse()});
   }
-  return Joined(names, ", ");
+  link.max_gap_s = MaxGapSeconds(link.samples);
+  return link;
 }
 
 std::vector<MovingFrames::Link> MovingFrames::ChainOf(
@@ -52,7 +40,7 @@ std::vector<MovingFrames::Link> MovingFrames::ChainOf(
     const auto* parent = fixed.FindParent(frame);
     const auto moving = parents_of_.find(frame);
     if (parent != nullptr) {
-      chain.push_back({&parent->second, nullptr});
+      chain.push_back({&parent->second});
       frame = parent->first;
     } else if (moving == parents_of_.end()) {
       break;
@@ -62,7 +50,7 @@ std::vector<MovingFrames::Link> MovingFrames::ChainOf(
                   "' and '" + std::next(first)->first +
                   "'; choose another body_frame or position_topic");
     } else {
-      chain.push_back({nullptr, &moving->second.begin()->second});
+      chain.push_back(MovingLink(moving->second.begin()->second));
       frame = moving->second.begin()->first;
     }
   }
@@ -72,7 +60,7 @@ std::vector<MovingFrames::Link> MovingFrames::ChainOf(
     throw Error("does not tell where the frame '" + body + "' is in " +
                 (world.empty() ? "any other" : "'" + world + "'") +
                 "; set body_frame and world_frame to two of its frames " +
-                FrameNames());
+                Joined(names_, ", "));
   }
   return chain;
 }
@@ -81,32 +69,26 @@ std::map<int64_t, Rigid3> MovingFrames::PosesOf(const std::string& body,
                                                 const std::string& world,
                                                 const FrameTree& fixed) const {
   const std::vector<Link> chain = ChainOf(body, world, fixed);
-  std::vector<std::vector<TimedPose>> samples;  // per link; of fixed ones none
   const Poses* fastest = nullptr;
   for (const Link& link : chain) {
-    samples.push_back(link.moving ? SamplesOf(*link.moving)
-                                  : std::vector<TimedPose>());
     const bool is_faster =
         link.moving && (!fastest || link.moving->size() > fastest->size());
     if (is_faster) fastest = link.moving;
   }
-  const std::vector<double> max_gaps_s =
-      Transformed(samples, [](const auto& s) { return MaxGapSeconds(s); });
   Poses poses;
   for (const auto& [time_ns, unused] : *fastest) {
     Rigid3 world_from_body;
     bool is_known = true;
-    for (size_t k = 0; k < chain.size() && is_known; ++k) {
-      if (chain[k].fixed) {
-        world_from_body = *chain[k].fixed * world_from_body;
+    for (const Link& link : chain) {
+      if (link.fixed) {
+        world_from_body = *link.fixed * world_from_body;
         continue;
       }
       const auto place =
-          FindBetween(samples[k], max_gaps_s[k], Seconds(time_ns));
+          FindBetween(link.samples, link.max_gap_s, Seconds(time_ns));
       is_known = place.has_value();
-      if (place) {
-        world_from_body = Interpolate(*place).Inverse() * world_from_body;
-      }
+      if (!place) break;
+      world_from_body = Interpolate(*place).Inverse() * world_from_body;
     }
     if (is_known) poses.emplace(time_ns, world_from_body);
   }

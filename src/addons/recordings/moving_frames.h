@@ -3,10 +3,12 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/models/trajectory_io.h"
 #include "recordings/recording_cameras.h"
 
 namespace mgsfm {
@@ -28,17 +30,20 @@ class MovingFrames {
                                     const FrameTree& fixed) const;
 
  private:
-  // A frame of a chain relative to the one above.
+  using Poses = std::map<int64_t, Rigid3>;
+  // A frame of a chain relative to the one above: fixed, or with samples.
   struct Link {
     const Rigid3* fixed = nullptr;  // parent_from_child
-    const std::map<int64_t, Rigid3>* moving = nullptr;
+    const Poses* moving = nullptr;
+    std::vector<TimedPose> samples = {};  // child_from_parent
+    double max_gap_s = 0.0;
   };
-  using Poses = std::map<int64_t, Rigid3>;
 
+  static Link MovingLink(const Poses& poses);
   std::vector<Link> ChainOf(const std::string& body, const std::string& world,
                             const FrameTree& fixed) const;
-  std::string FrameNames() const;
 
+  std::set<std::string> names_;
   // parent_from_child by time, by child and parent.
   std::map<std::string, std::map<std::string, Poses>> parents_of_;
 };

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "recordings/recorded_priors.h"
 
+#include <algorithm>
 #include <charconv>
+#include <functional>
 #include <utility>
 
 #include "base/format.h"
@@ -11,7 +13,6 @@
 #include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 #include "priors/timed_samples.h"
-#include "recordings/imu_gravity.h"
 
 namespace mgsfm {
 namespace {
@@ -20,28 +21,27 @@ using Eigen::Vector3d;
 
 constexpr const char* kTransforms = "tf2_msgs/TFMessage";
 
-// A topic that an option names, or else the only one of the first type that has
-// messages.
-struct TopicChoice {
-  const char* option = "";   // "position_topic"
-  std::string wanted;        // its value: a topic, auto or none
-  const char* content = "";  // "positions"
-  std::vector<std::string> types;
-};
+// The noise with which gravity keeps all pairs (docs/results/constants.md).
+constexpr double kMaxGravitySigmaDeg = 5.0;
 
-// -1 for none, and, with a warning, for several. /tf must be named.
-int FindTopic(const Recording& recording, const TopicChoice& choice,
-              const Context& context) {
-  if (choice.wanted == "none") return -1;
-  const bool is_automatic = choice.wanted == "auto";
+using Tell = std::function<void(const std::string&)>;
+
+// The topic that an option names or, if it is auto, the only one of the first
+// type that has messages; -1 for none, and for several, of which it tells. /tf
+// must be named; /tf_static does not move.
+int FindTopic(const Recording& recording, const std::string& option,
+              const std::string& wanted, const std::vector<std::string>& types,
+              const Tell& tell) {
+  if (wanted == "none") return -1;
+  const bool is_automatic = wanted == "auto";
   const std::vector<RecordingTopic>& topics = recording.topics();
-  for (const std::string& type : choice.types) {
+  for (const std::string& type : types) {
     std::vector<int> found;
     std::vector<std::string> names;
     for (size_t i = 0; i < topics.size(); ++i) {
       const bool is_chosen =
           is_automatic ? topics[i].num_messages > 0 && type != kTransforms
-                       : topics[i].name == choice.wanted;
+                       : topics[i].name == wanted && wanted != "/tf_static";
       if (topics[i].type != type || !topics[i].IsReadable() || !is_chosen) {
         continue;
       }
@@ -50,17 +50,14 @@ int FindTopic(const Recording& recording, const TopicChoice& choice,
     }
     if (found.size() == 1) return found.front();
     if (found.empty()) continue;
-    context.Warning("no " + std::string(choice.content) +
-                    " are imported: recording " + recording.Name() +
-                    " has several topics of " + type + ", " +
-                    Joined(names, ", ") + "; set " + choice.option +
-                    " to one of them, or to none");
+    tell("recording " + recording.Name() + " has several topics of " + type +
+         ", " + Joined(names, ", ") + "; set " + option +
+         " to one of them, or to none");
     return -1;
   }
   if (is_automatic) return -1;
-  throw Error("recording " + recording.Name() + " has no topic '" +
-              choice.wanted + "' (" + choice.option + ") of " +
-              Joined(choice.types, ", ") +
+  throw Error("recording " + recording.Name() + " has no topic '" + wanted +
+              "' (" + option + ") of " + Joined(types, ", ") +
               " that can be read; run recording_importer without output_path "
               "to list the topics");
 }
@@ -79,23 +76,15 @@ RecordedPriors::RecordedPriors(const Recording& recording,
     : recording_(recording),
       options_(options),
       context_(context),
-      position_topic_(FindTopic(
-          recording,
-          {"position_topic",
-           options.position_topic,
-           "positions",
-           {"sensor_msgs/NavSatFix", "nav_msgs/Odometry", kTransforms}},
-          context)),
-      imu_topic_(FindTopic(recording,
-                           {"imu_topic",
-                            options.imu_topic,
-                            "directions of gravity",
-                            {"sensor_msgs/Imu"}},
-                           context)) {
-  if (PositionsAreTransforms() && PositionTopic().name == "/tf_static") {
-    throw Error(recording.Subject(position_topic_) +
-                " has frames that do not move; set position_topic to /tf");
-  }
+      position_topic_(
+          FindTopic(recording, "position_topic", options.position_topic,
+                    {"sensor_msgs/NavSatFix", "nav_msgs/Odometry", kTransforms},
+                    [&](const std::string& why) {
+                      context.Warning("no positions are imported: " + why);
+                    })),
+      imu_topic_(FindTopic(recording, "imu_topic", options.imu_topic,
+                           {"sensor_msgs/Imu"},
+                           [&](const std::string& why) { NoGravity(why); })) {
   const bool names_frames =
       *options.body_frame != "auto" || *options.world_frame != "auto";
   if (!names_frames || PositionsAreTransforms()) return;
@@ -123,10 +112,13 @@ int64_t RecordedPriors::TimeOf(int64_t stamp_ns,
 
 void RecordedPriors::Take(const RecordedMessage& message) {
   if (message.topic_idx == position_topic_) return TakePosition(message);
-  ImuMessage imu =
-      ReadImuMessage(message.data, recording_.topics()[imu_topic_].encoding);
-  imu.header.stamp_ns = TimeOf(imu.header.stamp_ns, message);
-  imu_.emplace(imu.header.stamp_ns, std::move(imu));
+  const std::string& encoding = recording_.topics()[imu_topic_].encoding;
+  ImuMessage imu = ReadImuMessage(message.data, encoding);
+  imu.stamp_ns = TimeOf(imu.stamp_ns, message);
+  if (imu_.empty()) {
+    imu_frame_ = ReadMessageHeader(message.data, encoding).frame_id;
+  }
+  imu_.push_back(imu);
 }
 
 void RecordedPriors::TakePosition(const RecordedMessage& message) {
@@ -154,6 +146,11 @@ void RecordedPriors::Finish(const RecordedCamera& first,
                      " have no time in their headers; the times at which they "
                      "were received are used for these");
   }
+  StableSortBy(&imu_, &ImuMessage::stamp_ns);
+  const auto is_repeated = [](const ImuMessage& a, const ImuMessage& b) {
+    return a.stamp_ns == b.stamp_ns;
+  };
+  imu_.erase(std::unique(imu_.begin(), imu_.end(), is_repeated), imu_.end());
   if (!PositionsAreTransforms()) return;
   const std::string body = *options_.body_frame == "auto"
                                ? frames.RootFrom(first.frame_id).first
@@ -203,44 +200,62 @@ std::string RecordedPriors::PositionLines(const RecordedCamera& first,
   return lines;
 }
 
+void RecordedPriors::NoGravity(const std::string& why) const {
+  const std::string text = "no gravity is imported: " + why;
+  *options_.imu_topic == "auto" ? context_.Info(text) : context_.Warning(text);
+}
+
 std::optional<Eigen::Quaterniond> RecordedPriors::AxesFromImu(
     const RecordedCamera& first, const FrameTree& frames) const {
   if (*options_.gravity_axes == GravityAxes::kImu) {
     return Eigen::Quaterniond::Identity();
   }
-  const std::string& imu = imu_.begin()->second.header.frame_id;
-  const auto frame_from_imu = frames.Between(first.frame_id, imu);
+  const auto frame_from_imu = frames.Between(first.frame_id, imu_frame_);
   const auto image_from_frame = ImageFromFrame(first);
-  if (!imu.empty() && frame_from_imu && image_from_frame) {
+  if (!imu_frame_.empty() && frame_from_imu && image_from_frame) {
     return (*image_from_frame * *frame_from_imu).rotation;
   }
-  context_.Warning(
-      "no gravity is imported: /tf_static does not connect the frame '" + imu +
-      "' of " + recording_.Subject(imu_topic_) + " with the frame '" +
-      first.frame_id +
-      "' of the first camera; set gravity_axes to imu, and pass the file to "
-      "mapper with a body_calibration, or set imu_topic to none");
+  NoGravity((image_from_frame
+                 ? "/tf_static does not connect the frame '" + imu_frame_ +
+                       "' of " + recording_.Subject(imu_topic_) +
+                       " with the frame '" + first.frame_id +
+                       "' of the first camera"
+                 : recording_.Subject(first.info_topic_idx) +
+                       " has an R that is no rotation") +
+            "; set gravity_axes to imu, and pass the file to mapper with a "
+            "body_calibration, or set imu_topic to none");
   return std::nullopt;
 }
 
-std::string RecordedPriors::GravityLines(
-    const RecordedCamera& first, const FrameTree& frames,
-    const std::vector<int64_t>& times_ns) const {
+std::string RecordedPriors::WhyNoGravity(
+    const MeasuredGravity& measured) const {
+  std::string why = " has no message at the times of the images";
+  if (measured.in_imu.empty()) {
+    why = " has no orientation that changes, and " +
+          (measured.mean_acceleration
+               ? Formatted("a mean acceleration of %.2f instead of 9.81 m/s^2",
+                           *measured.mean_acceleration)
+               : "no acceleration");
+  }
+  return recording_.Subject(imu_topic_) + why +
+         "; set imu_topic to another one, or to none";
+}
+
+std::string RecordedPriors::GravityLines(const RecordedCamera& first,
+                                         const FrameTree& frames,
+                                         const std::vector<int64_t>& times_ns) {
   if (imu_.empty()) return "";
   const auto axes_from_imu = AxesFromImu(first, frames);
   if (!axes_from_imu) return "";
-  const MeasuredGravity measured = MeasureGravity(
-      Transformed(imu_, [](const auto& item) { return item.second; }),
-      options_.gravity_window_s);
+  const MeasuredGravity measured =
+      MeasureGravity(std::move(imu_), options_.gravity_window_s);
   const double max_gap_s = MaxGapSeconds(measured.in_imu);
   std::string lines;
   for (const int64_t time_ns : times_ns) {
-    const auto place = FindBetween(measured.in_imu, max_gap_s,
-                                   static_cast<double>(time_ns) / kNsPerSecond);
+    const auto place =
+        FindBetween(measured.in_imu, max_gap_s, Seconds(time_ns));
     if (!place) continue;
-    const Vector3d direction =
-        *axes_from_imu * ((1.0 - place->share) * place->before->value +
-                          place->share * place->after->value);
+    const Vector3d direction = *axes_from_imu * Interpolate(*place).value;
     if (direction.isZero(0.0)) continue;
     lines += TimeText(time_ns);
     for (const double value : direction.normalized()) {
@@ -249,24 +264,32 @@ std::string RecordedPriors::GravityLines(
     lines += '\n';
   }
   if (lines.empty()) {
-    context_.Warning(
-        "no gravity is imported: " + recording_.Subject(imu_topic_) +
-        " has no acceleration at the times of the images; set "
-        "imu_topic to another one, or to none");
+    NoGravity(WhyNoGravity(measured));
     return "";
   }
-  const std::string sigma =
-      measured.sigma_deg
-          ? Formatted("standard deviation %.2f deg", *measured.sigma_deg)
-          : "unknown standard deviation";
   const std::string source =
       (measured.is_by_orientation
            ? "by the orientation in "
            : Formatted("by the mean acceleration over %g s in ",
                        *options_.gravity_window_s)) +
-      recording_.topics()[imu_topic_].name + ", " + sigma;
-  context_.Info("gravity: " + source);
-  return "# SECONDS GX GY GZ, " + source + "\n" + lines;
+      recording_.topics()[imu_topic_].name + ", " +
+      (measured.sigma_deg
+           ? Formatted("standard deviation %.2f deg", *measured.sigma_deg)
+           : "unknown standard deviation");
+  if (measured.sigma_deg.value_or(0.0) > kMaxGravitySigmaDeg) {
+    context_.Warning(
+        "gravity: " + source +
+        Formatted(", of which mapper tolerates %g deg; change gravity_window_s "
+                  "or set imu_topic to none",
+                  kMaxGravitySigmaDeg));
+  } else {
+    context_.Info("gravity: " + source);
+  }
+  return "# SECONDS GX GY GZ in the axes of " +
+         (*options_.gravity_axes == GravityAxes::kImu
+              ? "the frame '" + imu_frame_ + "'"
+              : "the camera '" + first.folder + "'") +
+         ", " + source + "\n" + lines;
 }
 
 }  // namespace mgsfm

@@ -9,6 +9,7 @@
 
 #include "geometry/frame_tree.h"
 #include "mgsfm/base/context.h"
+#include "recordings/imu_gravity.h"
 #include "recordings/moving_frames.h"
 #include "recordings/recording.h"
 #include "recordings/recording_cameras.h"
@@ -39,10 +40,10 @@ class RecordedPriors {
   std::string PositionLines(const RecordedCamera& first,
                             const FrameTree& frames) const;
   // Lines "SECONDS GX GY GZ" at the given times, in the axes that the options
-  // name; empty, with a warning, if they are unknown. Logs the standard
-  // deviation.
+  // name; empty, with a message, if they are unknown. Logs the standard
+  // deviation. For one call, as the messages are many.
   std::string GravityLines(const RecordedCamera& first, const FrameTree& frames,
-                           const std::vector<int64_t>& times_ns) const;
+                           const std::vector<int64_t>& times_ns);
 
  private:
   const RecordingTopic& PositionTopic() const {
@@ -52,6 +53,9 @@ class RecordedPriors {
   void TakePosition(const RecordedMessage& message);
   // The time of the header, or else of the recorder.
   int64_t TimeOf(int64_t stamp_ns, const RecordedMessage& message);
+  // A warning if the options name the topic.
+  void NoGravity(const std::string& why) const;
+  std::string WhyNoGravity(const MeasuredGravity& measured) const;
   std::optional<Eigen::Quaterniond> AxesFromImu(const RecordedCamera& first,
                                                 const FrameTree& frames) const;
 
@@ -62,7 +66,8 @@ class RecordedPriors {
   const int imu_topic_;
   MovingFrames moving_;
   std::map<int64_t, PoseMessage> positions_;  // by time
-  std::map<int64_t, ImuMessage> imu_;
+  std::vector<ImuMessage> imu_;
+  std::string imu_frame_;                    // of the first message
   std::map<int, size_t> num_without_stamp_;  // by topic
 };
 

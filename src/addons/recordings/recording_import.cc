@@ -73,9 +73,6 @@ class RecordingImport {
   const RecordingTopic& Topic(int topic_idx) const {
     return recording_.topics()[topic_idx];
   }
-  std::string Subject(int topic_idx) const {
-    return recording_.Subject(topic_idx);
-  }
   std::string Settings() const;
 
   // Headers of images, and all other messages.
@@ -96,8 +93,9 @@ class RecordingImport {
                   RecordingImportSummary* summary);
   void WriteImages(const fs::path& folder, RecordingImportSummary* summary);
   void WarnOfDamage(int topic_idx, const std::string& problem) {
-    warnings_.Add(Subject(topic_idx) + " has a damaged message, which " +
-                  problem + "; it is skipped");
+    warnings_.Add(recording_.Subject(topic_idx) +
+                  " has a damaged message, which " + problem +
+                  "; it is skipped");
   }
 
   const Recording& recording_;
@@ -120,9 +118,15 @@ std::string RecordingImport::Settings() const {
         {{"path", fs::weakly_canonical(fs::absolute(path)).string()},
          {"size", fs::file_size(path)}});
   }
-  const nlohmann::ordered_json settings = {
-      {"recording", std::move(files)},
-      {"options", nlohmann::ordered_json::parse(OptionsToJsonOf(options_))}};
+  auto options = nlohmann::ordered_json::parse(OptionsToJsonOf(options_));
+  // Positions and gravity are read again; earlier versions wrote their topic.
+  options["position_topic"] = "auto";
+  for (const char* name : {"body_frame", "world_frame", "imu_topic",
+                           "gravity_window_s", "gravity_axes"}) {
+    options.erase(name);
+  }
+  const nlohmann::ordered_json settings = {{"recording", std::move(files)},
+                                           {"options", std::move(options)}};
   return settings.dump(1) + "\n";
 }
 
@@ -186,10 +190,9 @@ void RecordingImport::ReadMessages() {
     } catch (const BytesError& error) {
       WarnOfDamage(message.topic_idx, error.what());
     } catch (const Error& error) {
-      throw Error(Subject(message.topic_idx) + " " + error.what());
+      throw Error(recording_.Subject(message.topic_idx) + " " + error.what());
     }
   });
-  priors_.Finish(cameras_.front(), frames_);
 }
 
 void RecordingImport::SetTimes(size_t camera_idx) {
@@ -202,12 +205,12 @@ void RecordingImport::SetTimes(size_t camera_idx) {
     num_unset += message->stamp_ns == 0 ? 1 : 0;
   }
   if (num_images == 0) {
-    throw Error(Subject(topic_idx) +
+    throw Error(recording_.Subject(topic_idx) +
                 " has no image that can be read; choose others with "
                 "image_topics");
   }
   if (num_unset > 0) {
-    context_.Warning(Subject(topic_idx) + ": the headers of " +
+    context_.Warning(recording_.Subject(topic_idx) + ": the headers of " +
                      std::to_string(num_unset) + " of " +
                      std::to_string(num_images) +
                      " images have no time; the times at which they were "
@@ -225,7 +228,7 @@ void RecordingImport::SetTimes(size_t camera_idx) {
     images.message_of_time.push_back(i);
   }
   if (message_of_time.size() == num_images) return;
-  context_.Warning(Subject(topic_idx) + ": " +
+  context_.Warning(recording_.Subject(topic_idx) + ": " +
                    std::to_string(num_images - message_of_time.size()) +
                    " images have the time of an earlier one and are skipped");
 }
@@ -241,7 +244,7 @@ double RecordingImport::MaxDifferenceSeconds() const {
     interval_ns =
         std::max(interval_ns, MedianInterval(images.times_ns).value_or(0));
   }
-  return static_cast<double>(interval_ns) / 2.0 / kNsPerSecond;
+  return Seconds(interval_ns) / 2.0;
 }
 
 std::vector<int> RecordingImport::SelectByMotion() {
@@ -269,7 +272,7 @@ std::vector<int> RecordingImport::SelectByMotion() {
     } catch (const BytesError& error) {
       WarnOfDamage(topic_idx, error.what());
     } catch (const Error& error) {
-      throw Error(Subject(topic_idx) + " " + error.what());
+      throw Error(recording_.Subject(topic_idx) + " " + error.what());
     }
   });
   return sampler.Finish();
@@ -282,7 +285,7 @@ std::vector<int> RecordingImport::SelectLeading() {
   }
   std::vector<int> selected = SelectByMotion();
   if (!selected.empty()) return selected;
-  throw Error(Subject(cameras_.front().topic_idx) +
+  throw Error(recording_.Subject(cameras_.front().topic_idx) +
               " has no image that can be decoded; choose others with "
               "image_topics");
 }
@@ -310,7 +313,7 @@ void RecordingImport::SelectNearest(size_t camera_idx,
     if (idx) selected.push_back(*idx);
   }
   if (selected.empty()) {
-    throw Error(Subject(cameras_[camera_idx].topic_idx) + " (" +
+    throw Error(recording_.Subject(cameras_[camera_idx].topic_idx) + " (" +
                 TimeText(times_ns.front()) + " s to " +
                 TimeText(times_ns.back()) +
                 " s) has no image at the times of '" +
@@ -348,7 +351,7 @@ void RecordingImport::WriteTasks(std::vector<ImageMessageTask>* tasks,
         try {
           WriteImageMessage(Topic(task.topic_idx), options_, &task);
         } catch (const Error& error) {
-          throw Error(Subject(task.topic_idx) + " " + error.what());
+          throw Error(recording_.Subject(task.topic_idx) + " " + error.what());
         }
       },
       1);
@@ -396,6 +399,7 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
   RecordingImportSummary summary;
   ReadMessages();
   for (size_t c = 0; c < cameras_.size(); ++c) SetTimes(c);
+  priors_.Finish(cameras_.front(), frames_);
   SelectImages();
   ContinueOrBegin(output_path, Settings(), "recording_import.json");
   WriteImages(output_path / "images", &summary);
@@ -409,24 +413,29 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
     return images.times_ns == images_.front().times_ns;
   });
   if (!has_same_times) summary.max_time_difference_s = MaxDifferenceSeconds();
-  if (const auto rig =
-          MakeRecordedRig(cameras_, frames_, recording_.topics(), context_)) {
-    summary.rig_config_path = output_path / "rig_config.json";
-    ReplaceFile(summary.rig_config_path, RigConfigsToJson({*rig}));
+  // A file of an earlier run with other options does not remain.
+  const auto write = [&](const char* name, const std::string& text) {
+    const fs::path path = output_path / name;
+    if (!text.empty()) {
+      ReplaceFile(path, text);
+      return path;
+    }
+    fs::remove(path);
+    return fs::path();
+  };
+  const auto rig =
+      MakeRecordedRig(cameras_, frames_, recording_.topics(), context_);
+  const RecordedCamera& first = cameras_.front();
+  if (rig) {
+    summary.rig_config_path =
+        write("rig_config.json", RigConfigsToJson({*rig}));
   }
-  const std::string positions =
-      priors_.PositionLines(cameras_.front(), frames_);
-  if (!positions.empty()) {
-    summary.positions_path = output_path / "positions.txt";
-    summary.positions_are_gps = priors_.PositionsAreGps();
-    ReplaceFile(summary.positions_path, positions);
-  }
-  const std::string gravity =
-      priors_.GravityLines(cameras_.front(), frames_, images_.front().times_ns);
-  if (!gravity.empty()) {
-    summary.gravity_path = output_path / "gravity.txt";
-    ReplaceFile(summary.gravity_path, gravity);
-  }
+  summary.positions_path =
+      write("positions.txt", priors_.PositionLines(first, frames_));
+  summary.positions_are_gps = priors_.PositionsAreGps();
+  summary.gravity_path =
+      write("gravity.txt",
+            priors_.GravityLines(first, frames_, images_.front().times_ns));
   return summary;
 }
 

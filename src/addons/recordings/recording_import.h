@@ -73,7 +73,7 @@ struct RecordingImportOptions {
   Option<double> gravity_window_s{
       "gravity_window_s", 10.0, Between(0.01, 1000.0), "s",
       "Take the mean acceleration over this time for gravity. Increase it for "
-      "vehicles, decrease it for an IMU without gyroscope that turns."};
+      "vehicles, decrease it for a turning IMU without a gyroscope."};
   Option<GravityAxes> gravity_axes{
       "gravity_axes", GravityAxes::kCamera,
       "Write gravity in the axes of the first camera, by /tf_static, or of the "
@@ -118,9 +118,10 @@ struct RecordingImportSummary {
 // output_path/rig_config.json has the intrinsics of CameraInfo and the poses of
 // /tf_static, positions.txt the positions in TUM's format: of the antenna in
 // degrees and meters (NavSatFix), or poses of the first camera (Odometry, /tf).
-//// gravity.txt has lines "SECONDS GX GY GZ" at the times of the first camera.
+// gravity.txt has lines "SECONDS GX GY GZ" at the times of the first camera.
 //
-// A run with the same recording and settings continues an interrupted run.
+// A run with the same recording and settings of images continues an interrupted
+// run.
 // Throws Error, naming file, topic and remedy, if a file is damaged from its
 // beginning, and if a topic or encoding cannot be read. Damaged chunks and
 // messages, and a missing end, lose images with a warning.

@@ -64,9 +64,10 @@ struct PoseMessage {
   bool is_valid = true;  // false: no fix
 };
 
-// What the sensor does not measure, or not as finite numbers, is nullopt.
+// What the sensor does not measure, or not as numbers that sensors reach, is
+// nullopt.
 struct ImuMessage {
-  MessageHeader header;
+  int64_t stamp_ns = 0;  // 0: not set
   std::optional<Eigen::Quaterniond> world_from_imu;
   std::optional<Eigen::Vector3d> angular_velocity;  // rad/s
   std::optional<Eigen::Vector3d> acceleration;      // m/s^2; upward at rest
@@ -83,6 +84,7 @@ CompressedImageMessage ReadCompressedImageMessage(std::string_view message,
                                                   const std::string& encoding);
 CameraInfoMessage ReadCameraInfoMessage(std::string_view message,
                                         const std::string& encoding);
+// Without transforms that are not finite or no rotation.
 std::vector<TransformMessage> ReadTransformMessages(
     std::string_view message, const std::string& encoding);
 PoseMessage ReadNavSatFixMessage(std::string_view message,

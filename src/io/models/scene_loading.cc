@@ -498,8 +498,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   }
   if (times) {
     for (size_t i = 0; i < times->times_ns.size(); ++i) {
-      result.scene.images[i].timestamp_s =
-          static_cast<double>(times->times_ns[i]) / kNsPerSecond;
+      result.scene.images[i].timestamp_s = Seconds(times->times_ns[i]);
     }
   } else if (!options.image_timestamps_path->empty()) {
     const std::string& path = *options.image_timestamps_path;

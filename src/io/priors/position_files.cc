@@ -54,18 +54,6 @@ double TimeOf(const Image& image, const std::string& path) {
               "' has no time in its name; set image_timestamps_path");
 }
 
-TimedVector Interpolate(const PlaceBetween<TimedVector>& place) {
-  const TimedVector& before = *place.before;
-  const TimedVector& after = *place.after;
-  TimedVector vector;
-  vector.value = (1.0 - place.share) * before.value + place.share * after.value;
-  if (before.covariance && after.covariance) {
-    vector.covariance = (1.0 - place.share) * *before.covariance +
-                        place.share * *after.covariance;
-  }
-  return vector;
-}
-
 // Calls `use` with each frame, its main image and its place in the samples.
 template <class Sample, class Use>
 void ForEachFrame(const Scene& scene, const std::string& path,

@@ -10,6 +10,7 @@
 #include "math/statistics.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/models/trajectory_io.h"
+#include "priors/position_files.h"
 
 namespace mgsfm {
 
@@ -59,6 +60,18 @@ inline Rigid3 Interpolate(const PlaceBetween<TimedPose>& place) {
   return Rigid3::FromRotationAndCenter(
       before.rotation.slerp(place.share, after.rotation),
       (1.0 - place.share) * before.Center() + place.share * after.Center());
+}
+
+inline TimedVector Interpolate(const PlaceBetween<TimedVector>& place) {
+  const TimedVector& before = *place.before;
+  const TimedVector& after = *place.after;
+  TimedVector vector;
+  vector.value = (1.0 - place.share) * before.value + place.share * after.value;
+  if (before.covariance && after.covariance) {
+    vector.covariance = (1.0 - place.share) * *before.covariance +
+                        place.share * *after.covariance;
+  }
+  return vector;
 }
 
 }  // namespace mgsfm
