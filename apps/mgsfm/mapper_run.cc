@@ -30,6 +30,7 @@
 #include "models/model_placement.h"
 #include "models/point_colors.h"
 #include "partition_run.h"
+#include "priors/body_calibration.h"
 #include "program.h"
 #include "rigs/image_times.h"
 #include "scene/item_lists.h"
@@ -314,8 +315,7 @@ void CheckAntenna(const Scene& scene, const PositionPriors& positions,
   if (sensor_idxs.size() > 1 && options.body_calibration->empty()) {
     throw Error(
         "estimate_antenna: several cameras have positions, whose antenna is "
-        "one "
-        "point of a body; give its axes with body_calibration");
+        "one point of a body; give its axes with body_calibration");
   }
 }
 
@@ -340,6 +340,10 @@ void ReadPriors(const MapperRun& run, const Context& context,
     CheckAntenna(input->scene, input->position_priors, run.priors);
   }
   LogPositions(input->position_priors, context);
+  const std::string& body_path = run.priors.body_calibration;
+  if (body_path.empty()) return;
+  const BodyFrame body = ReadBody(input->scene, body_path);
+  if (!body.warning.empty()) context.Warning(body.warning);
 }
 
 std::string PageUrl(const std::string& image_path,

@@ -169,8 +169,43 @@ TEST_F(CalibrationSfmTest, OpenSfmInstancesAreFrames) {
   EXPECT_THAT(error("[" + first + ", " + first + "]"),
               HasSubstr("in two instances"));
   EXPECT_THAT(error(R"([["a.jpg", "front"]])"), HasSubstr("is no pair"));
-  EXPECT_THAT(error(R"([[["A.jpg", "front"]]])"),
-              HasSubstr("none of the images"));
+}
+
+// Cameras of instances, and by names for other images, also if no frame has
+// both; a file that names no image decides nothing.
+TEST_F(CalibrationSfmTest, OpenSfmInstancesKeepTheCalibration) {
+  Write("opensfm/rig_cameras.json", kOpenSfm);
+  Write("opensfm/camera_models.json",
+        R"({"b": {"projection_type": "fisheye", "width": 1280, "height": 960,
+                  "focal": 0.4, "k1": -0.05, "k2": 0.01}})");
+  SceneLoadingOptions options;
+  options.calibration_path = Path("");
+  for (const std::string listed :
+       {"[[\"a.jpg\", \"left\"]]", "[]", "[[\"images/a.jpg\", \"left\"]]"}) {
+    Write("opensfm/rig_assignments.json", "[" + listed + "]");
+    std::vector<std::string> warnings;
+    Context context;
+    context.log = [&](LogLevel level, const std::string& message) {
+      if (level == LogLevel::kWarning) warnings.push_back(message);
+    };
+    const bool is_used = listed.find("[\"a.jpg") != std::string::npos;
+    const Scene scene =
+        LoadScene(MakeContents({"a.jpg", "left/1.png", "left/2.png"}), options,
+                  context)
+            .scene;
+    EXPECT_EQ(scene.frames.size(), 3u);
+    for (const Image& image : scene.images) {
+      const bool is_left = is_used || image.name != "a.jpg";
+      EXPECT_EQ(scene.cameras[image.camera_idx].model ==
+                    CameraModelId::kOpenCVFisheye,
+                is_left)
+          << image.name << listed;
+    }
+    EXPECT_EQ(
+        testing::Value(
+            warnings, testing::Contains(HasSubstr("names none of the images"))),
+        !is_used);
+  }
 }
 
 TEST_F(CalibrationSfmTest, KaptureHasTheModelsOfColmapAndPosesFromTheRig) {

@@ -53,6 +53,8 @@ struct CalibratedCamera {
 // calibrations are read together with those one level below. Throws Error,
 // naming file, line and remedy, if a file is malformed or there is no camera.
 std::vector<CalibratedCamera> ReadCalibration(const std::string& paths);
+// The files that it reads.
+std::vector<std::filesystem::path> CalibrationFiles(const std::string& paths);
 
 // The cameras of a file; nullopt if it has another format.
 using FoundCameras = std::optional<std::vector<CalibratedCamera>>;

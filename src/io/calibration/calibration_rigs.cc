@@ -88,6 +88,8 @@ class CameraMatcher {
   bool HasMatches() const {
     return AnyOf(camera_of_image_, [](int camera) { return camera >= 0; });
   }
+  // -1 for none.
+  int CameraOf(size_t image) const { return camera_of_image_[image]; }
   const std::vector<const Prefix*>& PrefixesOf(size_t camera) const {
     return prefixes_of_camera_[camera];
   }
@@ -294,7 +296,7 @@ bool IsRigConfig(const std::string& path) {
 
 // An image of an instance of OpenSfM.
 struct InstanceImage {
-  const CalibratedCamera* camera = nullptr;
+  int camera = -1;    // -1: none
   std::string frame;  // its first image
 };
 
@@ -302,9 +304,9 @@ struct InstanceImage {
 // an array, and become frames called like their first image.
 std::map<std::string, InstanceImage> ReadInstances(
     const fs::path& path, const std::vector<CalibratedCamera>& cameras) {
-  std::map<std::string, const CalibratedCamera*> camera_of_name;
-  for (const CalibratedCamera& camera : cameras) {
-    camera_of_name[camera.names.front()] = &camera;
+  std::map<std::string, int> camera_of_name;
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    camera_of_name[cameras[c].names.front()] = static_cast<int>(c);
   }
   std::map<std::string, InstanceImage> images;
   const YamlValue file(path.string(), ReadFile(path));
@@ -328,15 +330,37 @@ std::map<std::string, InstanceImage> ReadInstances(
   return images;
 }
 
-// Poses relative to the base, and intrinsics.
-void SetCalibration(const CalibratedCamera& camera, const RigInput& input,
-                    size_t image, RigAssignment::Sensor* sensor) {
+// The instances of the images; images that they lack are alone in a frame, of
+// the camera that fits their names.
+std::vector<InstanceImage> FindInstances(
+    const RigInput& input, const std::vector<CalibratedCamera>& cameras,
+    const std::map<std::string, InstanceImage>& listed) {
+  std::vector<InstanceImage> images;
+  std::vector<size_t> others;
+  for (const ImageRow& image : input.contents.images) {
+    const auto found = listed.find(image.name);
+    if (found == listed.end()) others.push_back(images.size());
+    images.push_back(found == listed.end() ? InstanceImage{-1, image.name}
+                                           : found->second);
+  }
+  if (others.empty()) return images;
+  CameraMatcher matcher(input, cameras);
+  matcher.Match();
+  for (const size_t i : others) images[i].camera = matcher.CameraOf(i);
+  return images;
+}
+
+// A sensor with the pose relative to the base, and with the intrinsics.
+RigAssignment::Sensor MakeSensor(const CalibratedCamera& camera,
+                                 const RigInput& input, int image) {
   CheckHasModel(camera, input.contents.images[image].name);
-  sensor->sensor_from_rig = camera.cam_from_base;
-  if (!camera.model) return;
-  sensor->camera_model = camera.model;
-  sensor->camera_params =
-      ScaledParams(camera, input.CameraOf(static_cast<int>(image)));
+  RigAssignment::Sensor sensor;
+  sensor.name = camera.names.front();
+  sensor.sensor_from_rig = camera.cam_from_base;
+  if (!camera.model) return sensor;
+  sensor.camera_model = camera.model;
+  sensor.camera_params = ScaledParams(camera, input.CameraOf(image));
+  return sensor;
 }
 
 }  // namespace
@@ -344,52 +368,52 @@ void SetCalibration(const CalibratedCamera& camera, const RigInput& input,
 std::optional<RigAssignment> AssignByInstances(const RigInput& input,
                                                const std::string& path,
                                                const Context& context) {
-  std::error_code ignored;  // a list of files is too long for a name
-  const fs::path cameras_path = fs::is_directory(path, ignored)
-                                    ? fs::path(path) / "rig_cameras.json"
-                                    : fs::path(path);
-  const fs::path file = cameras_path.parent_path() / "rig_assignments.json";
-  if (cameras_path.filename() != "rig_cameras.json" ||
-      !fs::exists(file, ignored)) {
+  std::vector<fs::path> files = CalibrationFiles(path);
+  EraseIf(&files, [](const fs::path& file) {
+    return file.filename() != "rig_cameras.json" ||
+           !fs::exists(file.parent_path() / "rig_assignments.json");
+  });
+  if (files.size() != 1) return std::nullopt;
+  const fs::path file = files[0].parent_path() / "rig_assignments.json";
+  const auto cameras = ReadCalibration(files[0]);
+  const auto listed = ReadInstances(file, cameras);
+  const auto num_listed = CountIf(
+      input.contents.images,
+      [&](const ImageRow& image) { return listed.count(image.name) > 0; });
+  if (num_listed == 0) {
+    context.Warning("'" + file.string() +
+                    "' names none of the images and is not used; give names "
+                    "relative to image_path");
     return std::nullopt;
   }
-  const auto cameras = ReadCalibration(cameras_path);
-  const auto instances = ReadInstances(file, cameras);
-  std::vector<const CalibratedCamera*> camera_of_image;
-  std::vector<ImageKeys> keys;
-  for (const ImageRow& image : input.contents.images) {
-    // Keys that no other image has make an image single.
-    const auto found = instances.find(image.name);
-    const InstanceImage listed = found == instances.end()
-                                     ? InstanceImage{nullptr, "\n" + image.name}
-                                     : found->second;
-    camera_of_image.push_back(listed.camera);
-    const std::string& sensor =
-        listed.camera ? listed.camera->names.front() : listed.frame;
-    keys.push_back(
-        {"", sensor, listed.frame, sensor, WithoutExtension(listed.frame)});
-  }
-  const auto num_listed = CountIf(
-      camera_of_image, [](const auto* camera) { return camera != nullptr; });
-  if (num_listed == 0) {
-    throw Error("'" + file.string() +
-                "' names none of the images; give names relative to "
-                "image_path");
-  }
+  const auto images = FindInstances(input, cameras, listed);
   context.Info("frames of " + std::to_string(num_listed) + " of " +
-               std::to_string(keys.size()) + " images by '" + file.string() +
+               std::to_string(images.size()) + " images by '" + file.string() +
                "'; others are single");
-  RigAssignment assignment = AssignByKeys(input, keys);
+  RigAssignment assignment;
   assignment.source = "'" + file.string() + "'";
-  for (size_t i = 0; i < keys.size(); ++i) {
-    RigAssignment::Sensor& sensor =
-        assignment.sensors[assignment.sensor_of_image[i]];
-    if (camera_of_image[i] == nullptr || sensor.name != keys[i].sensor_name ||
-        sensor.sensor_from_rig) {
+  assignment.rig_ids.resize(1);
+  assignment.sensor_of_image.resize(images.size());
+  assignment.frame_of_image.resize(images.size());
+  Numbering<int> sensors;
+  Numbering<> frames;
+  std::vector<int> single_images;
+  for (size_t i = 0; i < images.size(); ++i) {
+    const auto& [camera, frame] = images[i];
+    const int image = static_cast<int>(i);
+    if (camera < 0) {
+      single_images.push_back(image);
       continue;
     }
-    SetCalibration(*camera_of_image[i], input, i, &sensor);
+    assignment.sensor_of_image[i] = sensors(camera);
+    if (sensors.size() > assignment.sensors.size()) {
+      assignment.sensors.push_back(MakeSensor(cameras[camera], input, image));
+    }
+    assignment.frame_of_image[i] = frames(frame);
+    assignment.frames.resize(frames.size());
+    assignment.frames[frames(frame)].name = WithoutExtension(frame);
   }
+  AssignSingleImages(input, single_images, &assignment);
   return assignment;
 }
 

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "priors/body_calibration.h"
 
+#include <re2/re2.h>
+
 #include <algorithm>
 #include <filesystem>
+#include <map>
 
 #include "base/file_reading.h"
 #include "base/ranges.h"
@@ -35,36 +38,35 @@ void CheckFormat(const std::string& path) {
 
 struct BodyFile {
   std::vector<CalibratedCamera> cameras;
+  // The first cameras, whose axes are those of images. The only one is that of
+  // the only sensor.
+  size_t num_preferred = 0;
   Eigen::Vector3d antenna_in_body = Eigen::Vector3d::Zero();
   bool have_numbers = true;  // the cameras, as in cam0
 };
 
-// The link with a key, or else the only one with a word in its name.
-struct LinkChoice {
-  const char* key = "";  // "imu_link"
-  std::string name;      // empty: not given
-  std::vector<std::string> words;
-};
-
+// The link that a key names, or else the only one with one of the words, such
+// as "gnss|gps", in its name.
 // nullopt if there is none. Throws Error if there are several.
 std::optional<std::string> FindLink(const std::string& path, const Urdf& urdf,
-                                    const LinkChoice& choice) {
+                                    const std::string& key,
+                                    const std::string& name,
+                                    const std::string& words) {
+  const RE2 has_word("(?i)(?:^|[^a-z])(?:" + words + ")(?:[^a-z]|$)",
+                     RE2::Latin1);
   std::vector<std::string> found;
   for (const std::string& link : urdf.links) {
-    const bool has_word = AnyOf(choice.words, [&](const std::string& word) {
-      return ToLower(link).find(word) != std::string::npos;
-    });
-    if (choice.name.empty() ? has_word : link == choice.name) {
+    if (name.empty() ? RE2::PartialMatch(link, has_word) : link == name) {
       found.push_back(link);
     }
   }
   if (found.size() == 1) return found.front();
-  if (found.empty() && choice.name.empty()) return std::nullopt;
+  if (found.empty() && name.empty()) return std::nullopt;
   throw Error("'" + path + "' has " +
-              (found.empty() ? "no link '" + choice.name + "' (" + choice.key +
-                                   "), but " + Joined(urdf.links, ", ")
+              (found.empty() ? "no link '" + name + "' (" + key + "), but " +
+                                   Joined(urdf.links, ", ")
                              : "the links " + Joined(found, ", ")) +
-              "; set " + choice.key +
+              "; set " + key +
               " to one of them in a YAML file with the key urdf");
 }
 
@@ -77,7 +79,7 @@ constexpr const char* kLinkEnds[] = {
 BodyFile ReadBodyOfUrdf(const std::string& path, const std::string& imu_link,
                         const std::string& antenna_link) {
   const Urdf urdf = ReadUrdf(path);
-  const auto imu = FindLink(path, urdf, {"imu_link", imu_link, {"imu"}});
+  const auto imu = FindLink(path, urdf, "imu_link", imu_link, "imu");
   if (!imu) {
     throw Error("'" + path +
                 "' has no link with imu in its name; set imu_link in a YAML "
@@ -91,13 +93,15 @@ BodyFile ReadBodyOfUrdf(const std::string& path, const std::string& imu_link,
       const size_t size = link.size() - std::min(link.size(), end.size());
       if (link.substr(size) != end) continue;
       CalibratedCamera camera;
-      camera.names = {link.substr(0, size)};
+      camera.names = {link.substr(0, size), link};
       camera.cam_from_imu = urdf.fixed.Between(link, *imu);
-      if (camera.cam_from_imu) body.cameras.push_back(std::move(camera));
+      if (!camera.cam_from_imu) continue;
+      body.cameras.push_back(std::move(camera));
+      if (end.find("_optical") == 0) ++body.num_preferred;
     }
   }
-  const auto antenna = FindLink(
-      path, urdf, {"antenna_link", antenna_link, {"antenna", "gnss", "gps"}});
+  const auto antenna =
+      FindLink(path, urdf, "antenna_link", antenna_link, "antenna|gnss|gps");
   if (!antenna) return body;
   const auto imu_from_antenna = urdf.fixed.Between(*imu, *antenna);
   if (!imu_from_antenna) {
@@ -108,15 +112,25 @@ BodyFile ReadBodyOfUrdf(const std::string& path, const std::string& imu_link,
   return body;
 }
 
-// The names of links in a YAML file.
+// The keys of a YAML file with the names of links; empty without a key.
 BodyFile ReadBodyOfLinks(const std::string& path, const YamlValue& file) {
-  const auto text = [&](const char* key) {
-    const auto value = file.Find(key);
-    return value ? value->Text() : std::string();
-  };
+  const std::vector<std::string> keys = {"urdf", "imu_link", "antenna_link"};
+  std::map<std::string, std::string> texts;
+  for (const auto& [key, value] : file.Items()) {
+    if (key == "antenna_in_imu") continue;
+    if (!Contains(keys, key)) {
+      value.Throw(
+          "is none of urdf, imu_link, antenna_link and "
+          "antenna_in_imu; correct or delete it");
+    }
+    texts[key] = value.Text();
+  }
+  if (file.Has("antenna_in_imu") && file.Has("antenna_link")) {
+    file["antenna_in_imu"].Throw("is beside antenna_link; delete one of them");
+  }
   return ReadBodyOfUrdf(
-      std::filesystem::path(path).parent_path() / file["urdf"].Text(),
-      text("imu_link"), text("antenna_link"));
+      std::filesystem::path(path).parent_path() / texts["urdf"],
+      texts["imu_link"], texts["antenna_link"]);
 }
 
 BodyFile ReadFileOfBody(const std::string& path) {
@@ -129,12 +143,16 @@ BodyFile ReadFileOfBody(const std::string& path) {
     throw Error("'" + path + "' is a dump of tf, which is not read; " +
                 kLayout);
   }
-  if (file.Has("urdf")) return ReadBodyOfLinks(path, file);
   BodyFile body;
-  body.cameras = ReadKalibrPoses(file);
-  if (NoneOf(body.cameras,
-             [](const auto& c) { return c.cam_from_imu.has_value(); })) {
-    throw Error("'" + path + "' has no camera with T_cam_imu; " + kLayout);
+  if (file.Has("urdf")) {
+    body = ReadBodyOfLinks(path, file);
+  } else {
+    body.cameras = ReadKalibrPoses(file);
+    body.num_preferred = body.cameras.size();
+    if (NoneOf(body.cameras,
+               [](const auto& c) { return c.cam_from_imu.has_value(); })) {
+      throw Error("'" + path + "' has no camera with T_cam_imu; " + kLayout);
+    }
   }
   if (const auto antenna = file.Find("antenna_in_imu")) {
     body.antenna_in_body = Eigen::Vector3d::Map(antenna->Numbers(3).data());
@@ -147,9 +165,6 @@ BodyFile ReadFileOfBody(const std::string& path) {
 // The camera of a sensor by name, or else by number.
 const CalibratedCamera* FindCamera(const BodyFile& file, const Scene& scene,
                                    const Sensor& sensor) {
-  if (file.cameras.size() == 1 && scene.sensors.size() == 1) {
-    return &file.cameras.front();
-  }
   const std::string name =
       ToLower(std::filesystem::path(sensor.name).filename());
   for (const CalibratedCamera& camera : file.cameras) {
@@ -163,11 +178,12 @@ const CalibratedCamera* FindCamera(const BodyFile& file, const Scene& scene,
         NumberAtEnd(camera.names.back()) == number)
       return &camera;
   }
-  return nullptr;
+  const bool is_only = scene.sensors.size() == 1 && file.num_preferred == 1;
+  return is_only ? &file.cameras.front() : nullptr;
 }
 
 // Completes the poses of the sensors of a rig from those that are known in it.
-void UseKnownRig(const Scene& scene, const Rig& rig, Body* body) {
+void UseKnownRig(const Scene& scene, const Rig& rig, BodyFrame* body) {
   std::optional<Rigid3> rig_from_body;
   std::string first;
   for (const int s : rig.sensor_idxs) {
@@ -195,7 +211,7 @@ void UseKnownRig(const Scene& scene, const Rig& rig, Body* body) {
 
 }  // namespace
 
-const Rigid3& Body::CamFromBody(const Scene& scene, int image_idx) const {
+const Rigid3& BodyFrame::CamFromBody(const Scene& scene, int image_idx) const {
   const Image& image = scene.images[image_idx];
   const auto& pose = cam_from_body[image.sensor_idx];
   if (pose) return *pose;
@@ -205,13 +221,21 @@ const Rigid3& Body::CamFromBody(const Scene& scene, int image_idx) const {
       "' has a measurement; add its T_cam_imu, or fixed joints to its link");
 }
 
-Body ReadBody(const Scene& scene, const std::string& path) {
+BodyFrame ReadBody(const Scene& scene, const std::string& path) {
   const BodyFile file = ReadFileOfBody(path);
-  Body body{path, {}, file.antenna_in_body};
+  BodyFrame body{path, {}, file.antenna_in_body, ""};
   std::vector<std::string> names;
   for (const Sensor& sensor : scene.sensors) {
     const CalibratedCamera* camera = FindCamera(file, scene, sensor);
     body.cam_from_body.push_back(camera ? camera->cam_from_imu : std::nullopt);
+    if (camera && camera >= file.cameras.data() + file.num_preferred) {
+      body.warning = "'" + path + "': the axes of camera '" + sensor.name +
+                     "' are those of the link '" + camera->names.back() +
+                     "', which by convention (REP 103) has x forward; if so, "
+                     "add the link " +
+                     camera->names.front() +
+                     "_optical_frame, with x to the right and z forward";
+    }
     names.push_back("'" + sensor.name + "'");
   }
   if (NoneOf(body.cam_from_body,
@@ -223,7 +247,7 @@ Body ReadBody(const Scene& scene, const std::string& path) {
   return body;
 }
 
-Body ReadBodyOfModel(Scene scene, const std::string& path) {
+BodyFrame ReadBodyOfModel(Scene scene, const std::string& path) {
   for (const Rig& rig : scene.rigs) {
     for (const int s : rig.sensor_idxs) {
       if (!scene.IsReference(s)) scene.sensors[s].sensor_from_rig.reset();
@@ -236,7 +260,8 @@ void CheckBodyCalibration(const std::string& path) {
   (void)ReadFileOfBody(path);
 }
 
-void SetAntenna(const Scene& scene, const Body& body, PositionPriors* priors) {
+void SetAntenna(const Scene& scene, const BodyFrame& body,
+                PositionPriors* priors) {
   for (size_t i = 0; i < priors->images.size(); ++i) {
     if (!priors->images[i]) continue;
     const Rigid3& pose = body.CamFromBody(scene, static_cast<int>(i));

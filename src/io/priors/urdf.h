@@ -17,7 +17,7 @@ struct Urdf {
 // Reads the elements link and joint of a URDF (https://wiki.ros.org/urdf/XML),
 // whose origins are x, y, z in meters, and roll, pitch and yaw about the fixed
 // axes x, y and z of the parent. Throws Error, naming the joint, for other
-// origins, and for files that have no end or contain macros of xacro.
+// origins, and for files that have no end, cycles or macros of xacro.
 Urdf ReadUrdf(const std::string& path);
 
 }  // namespace mgsfm
