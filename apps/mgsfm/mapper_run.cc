@@ -82,6 +82,7 @@ std::optional<PoseComparison> ComparePositions(const Scene& scene,
 std::string MakePage(const ModelPage& shown, const Context& context) {
   const MapperInput& input = shown.input;
   const MapperModel& model = shown.model;
+  const PositionPriors positions = model.PositionsOf(input.position_priors);
   return UsePoses(
       input.scene, model, [&](const Scene& scene, const Reconstruction& poses) {
         ReportPageInput page{shown.folder.string(), scene, poses};
@@ -93,8 +94,7 @@ std::string MakePage(const ModelPage& shown, const Context& context) {
         if (model.IsAtPositions()) {
           page.is_east_north_up =
               input.position_priors.origin_wgs84.has_value();
-          page.positions = ComparePositions(
-              scene, poses, model.PositionsOf(input.position_priors));
+          page.positions = ComparePositions(scene, poses, positions);
         }
         if (!HasSeparateImages(model)) {
           page.frame_confidence = model.confidence.of_frame;
@@ -325,6 +325,10 @@ void ReadPriors(const MapperRun& run, const Context& context,
     input->position_priors =
         ReadPositionPriors(scene, run.database_path, run.priors);
     input->gravity_priors = ReadGravity(scene, run.database_path, run.priors);
+    const std::string& body_path = run.priors.body_calibration;
+    if (body_path.empty()) return;
+    const BodyFrame body = ReadBody(scene, body_path);
+    if (!body.warning.empty()) context.Warning(body.warning);
   };
   const std::optional<Scene> all = AllImages(run, input->scene, context);
   if (!all) {
@@ -340,10 +344,6 @@ void ReadPriors(const MapperRun& run, const Context& context,
     CheckAntenna(input->scene, input->position_priors, run.priors);
   }
   LogPositions(input->position_priors, context);
-  const std::string& body_path = run.priors.body_calibration;
-  if (body_path.empty()) return;
-  const BodyFrame body = ReadBody(input->scene, body_path);
-  if (!body.warning.empty()) context.Warning(body.warning);
 }
 
 std::string PageUrl(const std::string& image_path,

@@ -98,11 +98,11 @@ TEST(AntennaTest, TurnsTellTheAntennaAndItIsUsed) {
   const Vector3d offset = SidewaysOffset(1.2);
   const PositionPriors positions = MeasureAntenna(drive, offset);
   const AntennaOutcome given = MapDrive(drive, positions, false);
-  EXPECT_FALSE(given.model.antenna.has_value());
+  EXPECT_FALSE(given.model.position_priors->antenna.has_value());
   EXPECT_THAT(given.warnings, Contains(HasSubstr("add [")));
   const AntennaOutcome estimated = MapDrive(drive, positions, true);
-  ASSERT_TRUE(estimated.model.antenna.has_value());
-  const AntennaEstimate& antenna = *estimated.model.antenna;
+  ASSERT_TRUE(estimated.model.position_priors->antenna.has_value());
+  const AntennaEstimate& antenna = *estimated.model.position_priors->antenna;
   EXPECT_LT((antenna.offset - offset).norm(), 6.0 * antenna.sigma);
   EXPECT_LT(antenna.sigma, 0.15);
   EXPECT_THAT(estimated.warnings, testing::Not(Contains(HasSubstr("add ["))));
@@ -124,16 +124,16 @@ TEST(AntennaTest, AnAntennaAtItsPlaceStaysThere) {
   const Simulation drive = AntennaDrive(PathPreset::kCurve);
   const AntennaOutcome outcome =
       MapDrive(drive, MeasureAntenna(drive, Vector3d::Zero()), true);
-  ASSERT_TRUE(outcome.model.antenna.has_value());
-  EXPECT_TRUE(outcome.model.antenna->offset.isZero(0.0));
-  EXPECT_GT(outcome.model.antenna->sigma, 0.0);
+  ASSERT_TRUE(outcome.model.position_priors->antenna.has_value());
+  EXPECT_TRUE(outcome.model.position_priors->antenna->offset.isZero(0.0));
+  EXPECT_GT(outcome.model.position_priors->antenna->sigma, 0.0);
 }
 
 TEST(AntennaTest, StraightMotionDoesNotTell) {
   const Simulation drive = AntennaDrive(PathPreset::kStraight);
   const AntennaOutcome outcome =
       MapDrive(drive, MeasureAntenna(drive, SidewaysOffset(1.2)), true);
-  EXPECT_FALSE(outcome.model.antenna.has_value());
+  EXPECT_FALSE(outcome.model.position_priors->antenna.has_value());
   EXPECT_THAT(outcome.warnings,
               Contains(HasSubstr("estimate_antenna is not possible")));
 }

@@ -129,14 +129,6 @@ struct MapperOptions {
   }
 };
 
-// Where the antenna is, as the motion tells it.
-struct AntennaEstimate {
-  // From its given place, in its axes. Zero along directions in which chance
-  // exceeds it in 1 of 10,000 recordings.
-  Eigen::Vector3d offset = Eigen::Vector3d::Zero();
-  double sigma = 0.0;  // of the length
-};
-
 struct MapperModel {
   Reconstruction reconstruction;    // indices refer to the whole scene
   int num_frames_in_component = 0;  // before translation averaging
@@ -144,8 +136,6 @@ struct MapperModel {
   TranslationSummary translation;
   BundleSummary bundle;
   std::optional<PositionPriorSummary> position_priors;  // if given
-  // If requested and told by the motion; position_priors refers to it.
-  std::optional<AntennaEstimate> antenna;
   std::optional<double> meters_per_unit;        // scale from the known baseline
   std::optional<GravitySummary> gravity;        // if measured
   std::vector<FocalLengthCheck> focal_lengths;  // of refined cameras

@@ -330,36 +330,17 @@ std::map<std::string, InstanceImage> ReadInstances(
   return images;
 }
 
-// The instances of the images; images that they lack are alone in a frame, of
-// the camera that fits their names.
-std::vector<InstanceImage> FindInstances(
-    const RigInput& input, const std::vector<CalibratedCamera>& cameras,
-    const std::map<std::string, InstanceImage>& listed) {
-  std::vector<InstanceImage> images;
-  std::vector<size_t> others;
-  for (const ImageRow& image : input.contents.images) {
-    const auto found = listed.find(image.name);
-    if (found == listed.end()) others.push_back(images.size());
-    images.push_back(found == listed.end() ? InstanceImage{-1, image.name}
-                                           : found->second);
-  }
-  if (others.empty()) return images;
-  CameraMatcher matcher(input, cameras);
-  matcher.Match();
-  for (const size_t i : others) images[i].camera = matcher.CameraOf(i);
-  return images;
-}
-
 // A sensor with the pose relative to the base, and with the intrinsics.
 RigAssignment::Sensor MakeSensor(const CalibratedCamera& camera,
-                                 const RigInput& input, int image) {
+                                 const RigInput& input, size_t image) {
   CheckHasModel(camera, input.contents.images[image].name);
   RigAssignment::Sensor sensor;
   sensor.name = camera.names.front();
   sensor.sensor_from_rig = camera.cam_from_base;
   if (!camera.model) return sensor;
   sensor.camera_model = camera.model;
-  sensor.camera_params = ScaledParams(camera, input.CameraOf(image));
+  sensor.camera_params =
+      ScaledParams(camera, input.CameraOf(static_cast<int>(image)));
   return sensor;
 }
 
@@ -386,28 +367,33 @@ std::optional<RigAssignment> AssignByInstances(const RigInput& input,
                     "relative to image_path");
     return std::nullopt;
   }
-  const auto images = FindInstances(input, cameras, listed);
+  const size_t num_images = input.contents.images.size();
   context.Info("frames of " + std::to_string(num_listed) + " of " +
-               std::to_string(images.size()) + " images by '" + file.string() +
+               std::to_string(num_images) + " images by '" + file.string() +
                "'; others are single");
+  CameraMatcher matcher(input, cameras);
+  if (static_cast<size_t>(num_listed) < num_images) matcher.Match();
   RigAssignment assignment;
   assignment.source = "'" + file.string() + "'";
   assignment.rig_ids.resize(1);
-  assignment.sensor_of_image.resize(images.size());
-  assignment.frame_of_image.resize(images.size());
+  assignment.sensor_of_image.resize(num_images);
+  assignment.frame_of_image.resize(num_images);
   Numbering<int> sensors;
   Numbering<> frames;
   std::vector<int> single_images;
-  for (size_t i = 0; i < images.size(); ++i) {
-    const auto& [camera, frame] = images[i];
-    const int image = static_cast<int>(i);
+  for (size_t i = 0; i < num_images; ++i) {
+    const std::string& name = input.contents.images[i].name;
+    const auto found = listed.find(name);
+    const auto [camera, frame] = found == listed.end()
+                                     ? InstanceImage{matcher.CameraOf(i), name}
+                                     : found->second;
     if (camera < 0) {
-      single_images.push_back(image);
+      single_images.push_back(static_cast<int>(i));
       continue;
     }
     assignment.sensor_of_image[i] = sensors(camera);
     if (sensors.size() > assignment.sensors.size()) {
-      assignment.sensors.push_back(MakeSensor(cameras[camera], input, image));
+      assignment.sensors.push_back(MakeSensor(cameras[camera], input, i));
     }
     assignment.frame_of_image[i] = frames(frame);
     assignment.frames.resize(frames.size());

@@ -46,24 +46,23 @@ struct BodyFile {
 };
 
 // The link that a key names, or else the only one with one of the words, such
-// as "gnss|gps", in its name.
-// nullopt if there is none. Throws Error if there are several.
-std::optional<std::string> FindLink(const std::string& path, const Urdf& urdf,
-                                    const std::string& key,
+// as "gnss|gps", in its name. Throws Error if there are several, or if a needed
+// one is missing.
+std::optional<std::string> FindLink(const Urdf& urdf, const std::string& key,
                                     const std::string& name,
-                                    const std::string& words) {
+                                    const std::string& words, bool is_needed) {
   const RE2 has_word("(?i)(?:^|[^a-z])(?:" + words + ")(?:[^a-z]|$)",
                      RE2::Latin1);
-  std::vector<std::string> found;
-  for (const std::string& link : urdf.links) {
-    if (name.empty() ? RE2::PartialMatch(link, has_word) : link == name) {
-      found.push_back(link);
-    }
-  }
+  std::vector<std::string> found = urdf.links;
+  EraseIf(&found, [&](const std::string& link) {
+    return name.empty() ? !RE2::PartialMatch(link, has_word) : link != name;
+  });
   if (found.size() == 1) return found.front();
-  if (found.empty() && name.empty()) return std::nullopt;
-  throw Error("'" + path + "' has " +
-              (found.empty() ? "no link '" + name + "' (" + key + "), but " +
+  if (found.empty() && name.empty() && !is_needed) return std::nullopt;
+  const std::string link =
+      name.empty() ? "with " + words + " in its name" : "'" + name + "'";
+  throw Error("'" + urdf.path + "' has " +
+              (found.empty() ? "no link " + link + " (" + key + "), but " +
                                    Joined(urdf.links, ", ")
                              : "the links " + Joined(found, ", ")) +
               "; set " + key +
@@ -75,17 +74,12 @@ std::optional<std::string> FindLink(const std::string& path, const Urdf& urdf,
 constexpr const char* kLinkEnds[] = {
     "_optical_frame", "_optical_link", "_optical", "", "_link", "_frame"};
 
-// A URDF whose links carry the sensors.
-BodyFile ReadBodyOfUrdf(const std::string& path, const std::string& imu_link,
-                        const std::string& antenna_link) {
+// A URDF whose links carry the sensors. `keys` are those of a YAML file.
+BodyFile ReadBodyOfUrdf(const std::string& path,
+                        std::map<std::string, std::string> keys) {
   const Urdf urdf = ReadUrdf(path);
-  const auto imu = FindLink(path, urdf, "imu_link", imu_link, "imu");
-  if (!imu) {
-    throw Error("'" + path +
-                "' has no link with imu in its name; set imu_link in a YAML "
-                "file with the key urdf to one of the links " +
-                Joined(urdf.links, ", "));
-  }
+  const std::string imu =
+      *FindLink(urdf, "imu_link", keys["imu_link"], "imu", true);
   BodyFile body;
   body.have_numbers = false;
   for (const std::string end : kLinkEnds) {
@@ -94,49 +88,49 @@ BodyFile ReadBodyOfUrdf(const std::string& path, const std::string& imu_link,
       if (link.substr(size) != end) continue;
       CalibratedCamera camera;
       camera.names = {link.substr(0, size), link};
-      camera.cam_from_imu = urdf.fixed.Between(link, *imu);
+      camera.cam_from_imu = urdf.fixed.Between(link, imu);
       if (!camera.cam_from_imu) continue;
       body.cameras.push_back(std::move(camera));
       if (end.find("_optical") == 0) ++body.num_preferred;
     }
   }
-  const auto antenna =
-      FindLink(path, urdf, "antenna_link", antenna_link, "antenna|gnss|gps");
+  if (keys.count("antenna_in_imu") > 0) return body;
+  const auto antenna = FindLink(urdf, "antenna_link", keys["antenna_link"],
+                                "antenna|gnss|gps", false);
   if (!antenna) return body;
-  const auto imu_from_antenna = urdf.fixed.Between(*imu, *antenna);
+  const auto imu_from_antenna = urdf.fixed.Between(imu, *antenna);
   if (!imu_from_antenna) {
-    throw Error("'" + path + "': no fixed joints connect the links '" + *imu +
+    throw Error("'" + path + "': no fixed joints connect the links '" + imu +
                 "' and '" + *antenna + "'; correct the joints or the links");
   }
   body.antenna_in_body = imu_from_antenna->translation;
   return body;
 }
 
-// The keys of a YAML file with the names of links; empty without a key.
+// A YAML file with the names of links.
 BodyFile ReadBodyOfLinks(const std::string& path, const YamlValue& file) {
-  const std::vector<std::string> keys = {"urdf", "imu_link", "antenna_link"};
-  std::map<std::string, std::string> texts;
+  static constexpr auto kKeys = {"urdf", "imu_link", "antenna_link",
+                                 "antenna_in_imu"};
+  std::map<std::string, std::string> keys;
   for (const auto& [key, value] : file.Items()) {
-    if (key == "antenna_in_imu") continue;
-    if (!Contains(keys, key)) {
+    if (!Contains(kKeys, key)) {
       value.Throw(
-          "is none of urdf, imu_link, antenna_link and "
-          "antenna_in_imu; correct or delete it");
+          "is none of urdf, imu_link, antenna_link, antenna_in_imu; "
+          "correct or delete it");
     }
-    texts[key] = value.Text();
+    keys[key] = value.IsSequence() ? "" : value.Text();
   }
-  if (file.Has("antenna_in_imu") && file.Has("antenna_link")) {
+  if (keys.count("antenna_in_imu") + keys.count("antenna_link") == 2) {
     file["antenna_in_imu"].Throw("is beside antenna_link; delete one of them");
   }
   return ReadBodyOfUrdf(
-      std::filesystem::path(path).parent_path() / texts["urdf"],
-      texts["imu_link"], texts["antenna_link"]);
+      std::filesystem::path(path).parent_path() / keys["urdf"], keys);
 }
 
 BodyFile ReadFileOfBody(const std::string& path) {
   CheckFormat(path);
   const std::vector<std::string> of_urdf = {".urdf", ".xacro", ".xml"};
-  if (Contains(of_urdf, ExtensionOf(path))) return ReadBodyOfUrdf(path, "", "");
+  if (Contains(of_urdf, ExtensionOf(path))) return ReadBodyOfUrdf(path, {});
   const YamlValue file(path, ReadFile(path));
   if (!file.IsMap()) throw Error("'" + path + "' is no map; " + kLayout);
   if (file.Has("transforms")) {

@@ -75,7 +75,7 @@ Urdf ReadUrdf(const std::string& path) {
   const std::string text = ReadFile(path);
   re2::StringPiece rest(text);
   std::string open_comment, slash, name, content;
-  Urdf urdf;
+  Urdf urdf{path, {}, {}};
   Joint joint;
   bool is_complete = false;
   while (RE2::FindAndConsume(&rest, kTag, &open_comment, &slash, &name,

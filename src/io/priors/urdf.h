@@ -10,6 +10,7 @@ namespace mgsfm {
 
 // The links of a robot, and the tree of those that fixed joints connect.
 struct Urdf {
+  std::string path;
   std::vector<std::string> links;
   FrameTree fixed;
 };

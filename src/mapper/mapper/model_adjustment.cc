@@ -91,7 +91,7 @@ bool IsPlausible(const ModelDeformation& deformation, double extent) {
   return deformation.max_shift <= kMaxShareOfExtent * extent;
 }
 
-// nullopt, with a warning, if the motion does not tell.
+// nullopt, with a warning, if the motion does not determine it.
 std::optional<AntennaEstimate> EstimateAntenna(const PositionOffsets& offsets,
                                                const Context& context) {
   if (!offsets.lever || offsets.are_alternatives) {
@@ -99,7 +99,7 @@ std::optional<AntennaEstimate> EstimateAntenna(const PositionOffsets& offsets,
                     std::string(offsets.lever
                                     ? "tell the antenna from the clock of the "
                                       "positions"
-                                    : "tell where the antenna is") +
+                                    : "determine where the antenna is") +
                     "; it stays where it is given; measure it, and set "
                     "antenna_in_imu of body_calibration");
     return std::nullopt;
@@ -113,60 +113,58 @@ std::optional<AntennaEstimate> EstimateAntenna(const PositionOffsets& offsets,
   return AntennaEstimate{lever.offset, lever.sigma};
 }
 
-// Registers the model to the positions, those of the estimated antenna if the
-// options request it. Warns of offsets, which deformation and adjustment would
-// hide.
 PositionRegistration RegisterModel(const AdjustmentInput& input,
-                                   const MapperOptions& options,
+                                   const PositionPriors& positions,
                                    const Context& context,
-                                   Reconstruction* initial,
-                                   MapperModel* model) {
+                                   Reconstruction* initial) {
   std::optional<Eigen::Vector3d> up =
       GravityInWorld(input.scene, input.gravity, *initial);
   if (up) up = -*up;
-  const Reconstruction unregistered = *initial;
-  const auto register_to = [&](const PositionPriors& positions) {
-    *initial = unregistered;
-    return RegisterToPriors(input.scene, positions,
-                            {up, input.is_metric, context.random_seed},
-                            initial);
-  };
-  const auto find_offsets = [&](const PositionPriors& positions) {
-    return EstimatePositionOffsets(input.scene, positions, *initial,
-                                   input.is_metric);
-  };
-  model->antenna.reset();
-  PositionRegistration registration = register_to(input.positions);
-  if (!registration.summary.is_registered) return registration;
-  PositionOffsets offsets = find_offsets(input.positions);
-  if (options.estimate_antenna) {
-    model->antenna = EstimateAntenna(offsets, context);
-  }
-  if (model->antenna) {
-    const PositionPriors positions = model->PositionsOf(input.positions);
-    registration = register_to(positions);
-    offsets = find_offsets(positions);
-  }
-  const std::string text = DescribeOffsets(offsets);
-  if (!text.empty()) context.Warning(text);
-  return registration;
+  return RegisterToPriors(input.scene, positions,
+                          {up, input.is_metric, context.random_seed}, initial);
 }
 
-// Registers the initial model to the position priors and deforms it toward
-// them. Returns the priors for bundle adjustment: none if the deformation is
-// implausible.
+PositionOffsets OffsetsOf(const AdjustmentInput& input,
+                          const PositionPriors& positions,
+                          const Reconstruction& registered) {
+  return EstimatePositionOffsets(input.scene, positions, registered,
+                                 input.is_metric);
+}
+
+// Registers the initial model to the position priors, those of the estimated
+// antenna if the options request it, and deforms it toward them. Returns the
+// priors for bundle adjustment: none if the deformation is implausible.
 PositionPriors MoveToPriors(const AdjustmentInput& input,
                             const MapperOptions& options,
                             const Context& context, Reconstruction* initial,
                             MapperModel* model) {
   const Reconstruction unregistered = *initial;
   PositionRegistration registration =
-      RegisterModel(input, options, context, initial, model);
+      RegisterModel(input, input.positions, context, initial);
+  if (options.estimate_antenna && registration.summary.is_registered) {
+    const auto antenna =
+        EstimateAntenna(OffsetsOf(input, input.positions, *initial), context);
+    if (antenna) {
+      registration = RegisterModel(input, antenna->Move(input.positions),
+                                   context, initial);
+      registration.summary.antenna = antenna;
+    }
+  }
   model->position_priors = std::move(registration.summary);
   PositionPriorSummary& summary = *model->position_priors;
-  if (!summary.is_registered) return std::move(registration.used);
-  const double extent = ExtentOf(*initial);
+  const auto ignore = [&] {
+    summary.is_registered = false;
+    summary.antenna.reset();
+    *initial = unregistered;
+    return PositionPriors();
+  };
+  if (!summary.is_registered) return ignore();
   const PositionPriors positions = model->PositionsOf(input.positions);
+  // Deformation and adjustment would hide offsets.
+  const std::string offsets =
+      DescribeOffsets(OffsetsOf(input, positions, *initial));
+  if (!offsets.empty()) context.Warning(offsets);
+  const double extent = ExtentOf(*initial);
   summary.deformation =
       DeformToPriors({input.scene, input.view_graph, input.pair_is_used,
                       positions, input.is_metric},
@@ -178,9 +176,7 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
       "the positions would deform the model by %.4g, but its extent "
       "is only %.4g; they are ignored",
       summary.deformation->max_shift, extent);
-  summary.is_registered = false;
-  *initial = unregistered;
-  return {};
+  return ignore();
 }
 
 void JudgeFocalLengths(const AdjustmentInput& input,
@@ -511,13 +507,8 @@ void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
 }  // namespace
 
 PositionPriors MapperModel::PositionsOf(PositionPriors positions) const {
-  if (!antenna) return positions;
-  for (auto& prior : positions.images) {
-    if (!prior) continue;
-    Rigid3& pose = prior->cam_from_antenna;
-    pose.translation = pose * antenna->offset;
-  }
-  return positions;
+  if (!position_priors || !position_priors->antenna) return positions;
+  return position_priors->antenna->Move(std::move(positions));
 }
 
 void CheckTimes(const Scene& scene, SoftRig method) {

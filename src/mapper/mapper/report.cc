@@ -199,12 +199,6 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   }
   json["bundle_adjustment"] = fields.ToJson(model.bundle);
   add("position_priors", model.position_priors);
-  if (model.antenna) {
-    const Eigen::Vector3d& offset = model.antenna->offset;
-    json["position_priors"]["antenna"] = {
-        {"offset", {offset.x(), offset.y(), offset.z()}},
-        {"sigma", model.antenna->sigma}};
-  }
   add("gravity", model.gravity);
   json["lenses"] = fields.ToJson(summary.lenses);
   add("delays", model.delays);
