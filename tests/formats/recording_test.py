@@ -786,7 +786,7 @@ def test_acceleration_without_gravity(importer, tmp_path):
     ros.write_ros1_bag(path, imu_messages(
         "ros1", 0.3, change=lambda i, force: force + [3 * (i // 40 % 2), 0, 0]))
     _, log = importer(path, *words, output="noisy")
-    assert "of which mapper tolerates 5 deg" in log, log
+    assert "deviation of more than 5 deg; change gravity_window_s" in log
 
 
 def test_gravity_of_a_second_run(importer, tmp_path):

@@ -7,7 +7,6 @@
 #include "base/nanoseconds.h"
 #include "base/ranges.h"
 #include "geometry/so3.h"
-#include "math/statistics.h"
 #include "priors/timed_samples.h"
 
 namespace mgsfm {
@@ -93,7 +92,7 @@ MeasuredGravity ByAcceleration(std::vector<ImuMessage> messages,
     if (t[k] - t[other] < window_s) continue;
     angles_rad.push_back(AngleBetween(means[other], means[k]) / std::sqrt(2.0));
   }
-  gravity.mean_acceleration = Median(std::move(lengths));
+  gravity.mean_acceleration = UpperMedian(std::move(lengths));
   gravity.sigma_deg = SigmaDeg(angles_rad);
   const double error = std::abs(*gravity.mean_acceleration / kGravity - 1.0);
   if (error > kMaxLengthError) gravity.in_imu.clear();

@@ -17,15 +17,6 @@ void MovingFrames::Add(const TransformMessage& transform, int64_t time_ns) {
       time_ns, transform.parent_from_child);
 }
 
-MovingFrames::Link MovingFrames::MovingLink(const Poses& poses) {
-  Link link{nullptr, &poses};
-  for (const auto& [time_ns, parent_from_child] : poses) {
-    link.samples.push_back({Seconds(time_ns), parent_from_child.Inverse()});
-  }
-  link.max_gap_s = MaxGapSeconds(link.samples);
-  return link;
-}
-
 std::vector<MovingFrames::Link> MovingFrames::ChainOf(
     const std::string& body, const std::string& world,
     const FrameTree& fixed) const {
@@ -50,7 +41,12 @@ std::vector<MovingFrames::Link> MovingFrames::ChainOf(
                   "' and '" + std::next(first)->first +
                   "'; choose another body_frame or position_topic");
     } else {
-      chain.push_back(MovingLink(moving->second.begin()->second));
+      Link& link = chain.emplace_back();
+      link.moving = &moving->second.begin()->second;
+      for (const auto& [time_ns, parent_from_child] : *link.moving) {
+        link.samples.push_back({Seconds(time_ns), parent_from_child.Inverse()});
+      }
+      link.max_gap_s = MaxGapSeconds(link.samples);
       frame = moving->second.begin()->first;
     }
   }

@@ -39,7 +39,6 @@ class MovingFrames {
     double max_gap_s = 0.0;
   };
 
-  static Link MovingLink(const Poses& poses);
   std::vector<Link> ChainOf(const std::string& body, const std::string& world,
                             const FrameTree& fixed) const;
 

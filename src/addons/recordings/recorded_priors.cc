@@ -36,7 +36,7 @@ int FindTopic(const Recording& recording, const std::string& option,
   const bool is_automatic = wanted == "auto";
   const std::vector<RecordingTopic>& topics = recording.topics();
   for (const std::string& type : types) {
-    std::vector<int> found;
+    int found = -1;
     std::vector<std::string> names;
     for (size_t i = 0; i < topics.size(); ++i) {
       const bool is_chosen =
@@ -45,11 +45,11 @@ int FindTopic(const Recording& recording, const std::string& option,
       if (topics[i].type != type || !topics[i].IsReadable() || !is_chosen) {
         continue;
       }
-      found.push_back(static_cast<int>(i));
+      found = static_cast<int>(i);
       names.push_back(topics[i].name);
     }
-    if (found.size() == 1) return found.front();
-    if (found.empty()) continue;
+    if (names.size() == 1) return found;
+    if (names.empty()) continue;
     tell("recording " + recording.Name() + " has several topics of " + type +
          ", " + Joined(names, ", ") + "; set " + option +
          " to one of them, or to none");
@@ -227,20 +227,6 @@ std::optional<Eigen::Quaterniond> RecordedPriors::AxesFromImu(
   return std::nullopt;
 }
 
-std::string RecordedPriors::WhyNoGravity(
-    const MeasuredGravity& measured) const {
-  std::string why = " has no message at the times of the images";
-  if (measured.in_imu.empty()) {
-    why = " has no orientation that changes, and " +
-          (measured.mean_acceleration
-               ? Formatted("a mean acceleration of %.2f instead of 9.81 m/s^2",
-                           *measured.mean_acceleration)
-               : "no acceleration");
-  }
-  return recording_.Subject(imu_topic_) + why +
-         "; set imu_topic to another one, or to none";
-}
-
 std::string RecordedPriors::GravityLines(const RecordedCamera& first,
                                          const FrameTree& frames,
                                          const std::vector<int64_t>& times_ns) {
@@ -264,7 +250,15 @@ std::string RecordedPriors::GravityLines(const RecordedCamera& first,
     lines += '\n';
   }
   if (lines.empty()) {
-    NoGravity(WhyNoGravity(measured));
+    NoGravity(recording_.Subject(imu_topic_) +
+              (!measured.in_imu.empty()
+                   ? " has no message at the times of the images"
+               : measured.mean_acceleration
+                   ? Formatted(" has no orientation that changes, and a mean "
+                               "acceleration of %.2f instead of 9.81 m/s^2",
+                               *measured.mean_acceleration)
+                   : " has no acceleration, and no orientation that changes") +
+              "; set imu_topic to another one, or to none");
     return "";
   }
   const std::string source =
@@ -276,14 +270,12 @@ std::string RecordedPriors::GravityLines(const RecordedCamera& first,
       (measured.sigma_deg
            ? Formatted("standard deviation %.2f deg", *measured.sigma_deg)
            : "unknown standard deviation");
+  context_.Info("gravity: " + source);
   if (measured.sigma_deg.value_or(0.0) > kMaxGravitySigmaDeg) {
-    context_.Warning(
-        "gravity: " + source +
-        Formatted(", of which mapper tolerates %g deg; change gravity_window_s "
-                  "or set imu_topic to none",
-                  kMaxGravitySigmaDeg));
-  } else {
-    context_.Info("gravity: " + source);
+    context_.Warning(Formatted(
+        "gravity has a standard deviation of more than %g deg; change "
+        "gravity_window_s or set imu_topic to none",
+        kMaxGravitySigmaDeg));
   }
   return "# SECONDS GX GY GZ in the axes of " +
          (*options_.gravity_axes == GravityAxes::kImu

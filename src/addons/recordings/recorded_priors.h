@@ -55,7 +55,6 @@ class RecordedPriors {
   int64_t TimeOf(int64_t stamp_ns, const RecordedMessage& message);
   // A warning if the options name the topic.
   void NoGravity(const std::string& why) const;
-  std::string WhyNoGravity(const MeasuredGravity& measured) const;
   std::optional<Eigen::Quaterniond> AxesFromImu(const RecordedCamera& first,
                                                 const FrameTree& frames) const;
 

@@ -124,13 +124,6 @@ PositionRegistration RegisterModel(const AdjustmentInput& input,
                           {up, input.is_metric, context.random_seed}, initial);
 }
 
-PositionOffsets OffsetsOf(const AdjustmentInput& input,
-                          const PositionPriors& positions,
-                          const Reconstruction& registered) {
-  return EstimatePositionOffsets(input.scene, positions, registered,
-                                 input.is_metric);
-}
-
 // Registers the initial model to the position priors, those of the estimated
 // antenna if the options request it, and deforms it toward them. Returns the
 // priors for bundle adjustment: none if the deformation is implausible.
@@ -142,9 +135,9 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   PositionRegistration registration =
       RegisterModel(input, input.positions, context, initial);
   if (options.estimate_antenna && registration.summary.is_registered) {
-    const auto antenna =
-        EstimateAntenna(OffsetsOf(input, input.positions, *initial), context);
-    if (antenna) {
+    const auto offsets = EstimatePositionOffsets(input.scene, input.positions,
+                                                 *initial, input.is_metric);
+    if (const auto antenna = EstimateAntenna(offsets, context)) {
       registration = RegisterModel(input, antenna->Move(input.positions),
                                    context, initial);
       registration.summary.antenna = antenna;
@@ -161,9 +154,9 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   if (!summary.is_registered) return ignore();
   const PositionPriors positions = model->PositionsOf(input.positions);
   // Deformation and adjustment would hide offsets.
-  const std::string offsets =
-      DescribeOffsets(OffsetsOf(input, positions, *initial));
-  if (!offsets.empty()) context.Warning(offsets);
+  const std::string text = DescribeOffsets(EstimatePositionOffsets(
+      input.scene, positions, *initial, input.is_metric));
+  if (!text.empty()) context.Warning(text);
   const double extent = ExtentOf(*initial);
   summary.deformation =
       DeformToPriors({input.scene, input.view_graph, input.pair_is_used,
