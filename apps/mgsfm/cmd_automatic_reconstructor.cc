@@ -204,7 +204,11 @@ MatchingInput MatchImages(const AutomaticReconstructorOptions& options,
   MatchingInput input = OpenMatchingInput(options.input, context);
   // Bad priors are known before the matching.
   const std::string& database_path = options.input.database_path;
-  (void)ReadPositionPriors(input.scene, database_path, options.priors);
+  const PositionPriors positions =
+      ReadPositionPriors(input.scene, database_path, options.priors);
+  if (options.mapper.estimate_antenna) {
+    CheckAntenna(input.scene, positions, options.priors);
+  }
   (void)ReadGravity(input.scene, database_path, options.priors);
   if (options.data_type == DataType::kIndividual) {
     MatchExhaustively(&input.database, input.scene, options.exhaustive,

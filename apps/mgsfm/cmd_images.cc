@@ -99,6 +99,12 @@ RecordingImportSummary ImportRecordingInto(
     add("ref_images_path", summary.positions_path.string());
     if (summary.positions_are_gps) add("ref_is_gps", "1");
   }
+  if (!summary.gravity_path.empty()) {
+    add("gravity_path", summary.gravity_path.string());
+    if (options.gravity_axes == GravityAxes::kImu) {
+      add("body_calibration", "FILE");
+    }
+  }
   if (summary.max_time_difference_s > 0.0) {
     add("frame_max_time_difference_s",
         Formatted("%.6g", summary.max_time_difference_s));
@@ -237,9 +243,10 @@ struct RecordingImporterOptions {
                                      "of them, separated by spaces or commas."};
   Option<std::string> output_path{
       "output_path", "",
-      "Write images/CAMERA/TIME.png, rig_config.json and positions.txt into "
-      "this folder. Images of an interrupted run with the same settings are "
-      "kept. By default, only the topics of the recording are listed."};
+      "Write images/CAMERA/TIME.png, rig_config.json, positions.txt and "
+      "gravity.txt into this folder. Images of an interrupted run with the "
+      "same settings are kept. By default, only the topics of the recording "
+      "are listed."};
   RecordingImportOptions import;
 
   template <class Visitor>
@@ -385,8 +392,8 @@ std::vector<Command> ImageCommands() {
           RunVideoSampler),
       MakeResumableCommand(
           "recording_importer",
-          "Imports images, calibration and positions of ROS bags and MCAP "
-          "files.",
+          "Imports images, calibration, positions and gravity of ROS bags and "
+          "MCAP files.",
           RunRecordingImporter),
       MakeCommand("rig_configurator", "Writes rigs and frames to a database.",
                   RunRigConfigurator)};

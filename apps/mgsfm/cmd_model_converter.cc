@@ -57,8 +57,8 @@ struct ModelConverterOptions {
   Option<std::string> body_calibration{
       "body_calibration", "",
       "Write a trajectory of the body instead of the reference camera: of the "
-      "inertial sensor in this file (T_cam_imu of Kalibr, in meters, as the "
-      "model must be)."};
+      "inertial sensor in this file (T_cam_imu of Kalibr, or a URDF, in "
+      "meters, as the model must be)."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
       "Read the times for tum and euroc from this file with one line "
@@ -273,7 +273,8 @@ ModelFile ReadInput(const ModelConverterOptions& options,
 }
 
 // Replaces the poses of frames by those of the body that carries the cameras.
-void MoveToBody(const ModelConverterOptions& options, SceneModel* model) {
+void MoveToBody(const ModelConverterOptions& options, const Context& context,
+                SceneModel* model) {
   const std::string& path = options.body_calibration;
   if (path.empty()) return;
   const std::vector<std::string> types = {"tum", "kitti", "euroc", "geojson",
@@ -284,7 +285,8 @@ void MoveToBody(const ModelConverterOptions& options, SceneModel* model) {
                   "tum, kitti, euroc, geojson and kml output with poses frame");
   }
   const Scene& scene = model->scene;
-  const Body body = ReadBodyOfModel(scene, path);
+  const BodyFrame body = ReadBodyOfModel(scene, path);
+  if (!body.warning.empty()) context.Warning(body.warning);
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     auto& rig_from_world = model->reconstruction.rig_from_world[f];
     if (!rig_from_world) continue;
@@ -318,7 +320,7 @@ int RunModelConverter(const ModelConverterOptions& options,
     ReadImageTimestamps(*options.image_timestamps_path, &input.model.scene,
                         UnknownImages::kIgnore);
   }
-  MoveToBody(options, &input.model);
+  MoveToBody(options, context, &input.model);
   const ExportInput exported{input.model.scene, input.model.reconstruction,
                              options.poses, input.origin_wgs84};
   WriteFiles(format->write(exported), options.output_path, context);

@@ -30,6 +30,7 @@
 #include "models/model_placement.h"
 #include "models/point_colors.h"
 #include "partition_run.h"
+#include "priors/body_calibration.h"
 #include "program.h"
 #include "rigs/image_times.h"
 #include "scene/item_lists.h"
@@ -81,25 +82,25 @@ std::optional<PoseComparison> ComparePositions(const Scene& scene,
 std::string MakePage(const ModelPage& shown, const Context& context) {
   const MapperInput& input = shown.input;
   const MapperModel& model = shown.model;
-  return UsePoses(input.scene, model,
-                  [&](const Scene& scene, const Reconstruction& poses) {
-                    ReportPageInput page{shown.folder.string(), scene, poses};
-                    page.view_graph = &input.view_graph;
-                    page.report_json = shown.report_json;
-                    page.model_idx = shown.model_idx;
-                    page.image_path = shown.image_path;
-                    page.image_url = PageUrl(shown.image_path, shown.folder);
-                    if (model.IsAtPositions()) {
-                      page.is_east_north_up =
-                          input.position_priors.origin_wgs84.has_value();
-                      page.positions =
-                          ComparePositions(scene, poses, input.position_priors);
-                    }
-                    if (!HasSeparateImages(model)) {
-                      page.frame_confidence = model.confidence.of_frame;
-                    }
-                    return MakeReportPage(page, ReportPageOptions(), context);
-                  });
+  const PositionPriors positions = model.PositionsOf(input.position_priors);
+  return UsePoses(
+      input.scene, model, [&](const Scene& scene, const Reconstruction& poses) {
+        ReportPageInput page{shown.folder.string(), scene, poses};
+        page.view_graph = &input.view_graph;
+        page.report_json = shown.report_json;
+        page.model_idx = shown.model_idx;
+        page.image_path = shown.image_path;
+        page.image_url = PageUrl(shown.image_path, shown.folder);
+        if (model.IsAtPositions()) {
+          page.is_east_north_up =
+              input.position_priors.origin_wgs84.has_value();
+          page.positions = ComparePositions(scene, poses, positions);
+        }
+        if (!HasSeparateImages(model)) {
+          page.frame_confidence = model.confidence.of_frame;
+        }
+        return MakeReportPage(page, ReportPageOptions(), context);
+      });
 }
 
 // Writes report.html into the folder of each model of a run. Returns the page
@@ -300,12 +301,34 @@ std::optional<Scene> AllImages(const MapperRun& run, const Scene& scene,
 
 }  // namespace
 
+void CheckAntenna(const Scene& scene, const PositionPriors& positions,
+                  const PosePriorOptions& options) {
+  if (positions.IsEmpty()) {
+    throw Error(
+        "estimate_antenna needs positions; set use_prior_position or "
+        "ref_images_path, or omit it");
+  }
+  std::set<int> sensor_idxs;
+  for (size_t i = 0; i < positions.images.size(); ++i) {
+    if (positions.images[i]) sensor_idxs.insert(scene.images[i].sensor_idx);
+  }
+  if (sensor_idxs.size() > 1 && options.body_calibration->empty()) {
+    throw Error(
+        "estimate_antenna: several cameras have positions, whose antenna is "
+        "one point of a body; give its axes with body_calibration");
+  }
+}
+
 void ReadPriors(const MapperRun& run, const Context& context,
                 MapperInput* input) {
   const auto read = [&](const Scene& scene) {
     input->position_priors =
         ReadPositionPriors(scene, run.database_path, run.priors);
     input->gravity_priors = ReadGravity(scene, run.database_path, run.priors);
+    const std::string& body_path = run.priors.body_calibration;
+    if (body_path.empty()) return;
+    const BodyFrame body = ReadBody(scene, body_path);
+    if (!body.warning.empty()) context.Warning(body.warning);
   };
   const std::optional<Scene> all = AllImages(run, input->scene, context);
   if (!all) {
@@ -316,6 +339,9 @@ void ReadPriors(const MapperRun& run, const Context& context,
         FindImages(input->scene, *all, run.database_path);
     SelectImages(idxs, &input->position_priors.images);
     SelectImages(idxs, &input->gravity_priors.images);
+  }
+  if (run.mapper.estimate_antenna) {
+    CheckAntenna(input->scene, input->position_priors, run.priors);
   }
   LogPositions(input->position_priors, context);
 }

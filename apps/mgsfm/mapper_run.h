@@ -70,6 +70,11 @@ void SelectImages(const std::vector<size_t>& idxs, std::vector<Prior>* priors) {
   for (const size_t i : idxs) priors->push_back(of_all[i]);
 }
 
+// Throws Error unless one antenna, which is to be estimated, has all positions:
+// without positions, and with those of several cameras of an unknown body.
+void CheckAntenna(const Scene& scene, const PositionPriors& positions,
+                  const PosePriorOptions& options);
+
 // Reads the priors of the images of the scene, which may be a part of those of
 // the database, in any order. Files may name any image of the database, and
 // positions have the origin of all of them, so that all parts get models in one

@@ -132,10 +132,10 @@ def import_recording(recording_path: Union[PathLike, Sequence[PathLike]],
                      output_path: PathLike, options: OptionsLike = None, *,
                      log: Optional[Log] = None,
                      progress: Optional[Progress] = None) -> None:
-    """Imports images, calibration and positions of ROS bags and MCAP files.
+    """Imports ROS bags and MCAP files: images, calibration, positions, gravity.
 
-    Writes the folder images and, if known, rig_config.json and positions.txt to
-    output_path.
+    Writes the folder images and, if known, rig_config.json, positions.txt and
+    gravity.txt to output_path.
     """
     run("recording_importer", options, log=log, progress=progress,
         recording_path=recording_path, output_path=output_path)

@@ -87,5 +87,22 @@ TEST_F(BodyCommands, PositionsOfTheBodyPlaceModels) {
   EXPECT_LT(MaxError(Path("out") + "/0"), 0.1);
 }
 
+TEST_F(BodyCommands, OneAntennaHasTheEstimatedPositions) {
+  const std::string command = "mapper --database_path " + DemoDatabase() +
+                              " --output_path " + Path("out") +
+                              " --estimate_antenna 1";
+  EXPECT_THAT(LastWord(RunMgsfm(command)),
+              testing::HasSubstr("estimate_antenna needs positions"));
+  std::string lines;
+  for (const ModelImage& image : ReadModelPoses(DemoTruth()).images) {
+    lines += image.name + " 1 2 3\n";
+  }
+  WriteTextFile(Path("ref.txt"), lines);
+  EXPECT_THAT(LastWord(RunMgsfm(command + " --ref_is_gps 0 --ref_images_path " +
+                                Path("ref.txt"))),
+              testing::HasSubstr("several cameras have positions"));
+  EXPECT_FALSE(std::filesystem::exists(Path("out")));
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -537,3 +537,291 @@ def test_positions(importer, tmp_path):
     folder, _ = importer(path, "--sampling", "all", "--position_topic",
                          "none", output="none")
     assert not (folder / "positions.txt").exists()
+
+
+def odom_in_map(seconds):
+    """Drifts at constant velocity, so that it is linear between transforms."""
+    return numpy.array([0.5, -0.25, 0.125]) * seconds
+
+
+def body_in_odom(seconds):
+    """On a circle, looking along it: position, and rotation about z."""
+    return (numpy.array([5 * numpy.sin(seconds), -5 * numpy.cos(seconds), 0]),
+            seconds)
+
+
+def tf_messages(encoding, parent="map"):
+    """odom in the map at 2 Hz from 0.2 s on, the body in odom at 20 Hz."""
+    messages = drive_messages(encoding)
+    for i in range(17):
+        seconds = 0.05 * i
+        position, angle = body_in_odom(seconds)
+        items = [("/odom", "base", position,
+                  (0, 0, numpy.sin(angle / 2), numpy.cos(angle / 2)))]
+        time_ns = T0 + i * STEP // 2
+        if i in (4, 14):
+            items.append((parent, "odom", odom_in_map(seconds), (0, 0, 0, 1)))
+        messages.append(ros.Message("/tf", "tf2_msgs/TFMessage", time_ns,
+                                    ros.transforms(encoding, items, time_ns)))
+    return messages
+
+
+def camera_in_odom(seconds):
+    """The left camera is 0.3 m along y of the body."""
+    position, angle = body_in_odom(seconds)
+    return position + 0.3 * numpy.array([-numpy.sin(angle), numpy.cos(angle),
+                                         0])
+
+
+@pytest.mark.parametrize("encoding", ("ros1", "cdr"))
+def test_positions_of_tf(encoding, importer, tmp_path):
+    """The chain from the map to the first camera, at the times of the body."""
+    path = tmp_path / ("drive.bag" if encoding == "ros1" else "drive.mcap")
+    write = ros.write_ros1_bag if encoding == "ros1" else ros.write_mcap
+    write(path, tf_messages(encoding))
+    words = ("--sampling", "all", "--position_topic", "/tf")
+    for name, more, in_map, first, last in (
+            ("map", (), True, 4, 14), ("base", ("--body_frame", "base"), True,
+                                       4, 14),
+            ("odom", ("--world_frame", "odom"), False, 0, 16)):
+        folder, log = importer(path, *words, *more, output=name)
+        assert "WARN" not in log.upper(), log
+        assert f"ref_images_path {folder / 'positions.txt'}" in log
+        read = numpy.loadtxt(folder / "positions.txt")
+        seconds = 0.05 * numpy.arange(first, last + 1)
+        assert_allclose(read[:, 0] - T0 / 1e9, seconds, atol=1e-6)
+        expected = [camera_in_odom(s) + in_map * odom_in_map(s)
+                    for s in seconds]
+        # Times in double precision are accurate to 0.2 us.
+        assert_allclose(read[:, 1:4], expected, atol=1e-6)
+
+    # Older bags have another name of the type, and drivers write NaN.
+    messages = [message for message in tf_messages(encoding)
+                if message.topic != "/tf_static"] + [
+        ros.Message(topic, "tf/tfMessage", T0, ros.transforms(encoding, items))
+        for topic, items in (
+            ("/tf_static", [("base", "left_optical", (0, 0.3, 0),
+                             (0, 0, 0, 1))]),
+            ("/tf2", [("odom", "base", (numpy.nan, 0, 0), (0, 0, 0, 1)),
+                      ("odom", "base", (0, 1, 0), (0, 0, 0, 1))]))]
+    other = tmp_path / f"other{path.suffix}"
+    write(other, messages)
+    folder, log = importer(other, "--sampling", "all", "--position_topic",
+                           "/tf2", output="older")
+    assert "damaged" not in log
+    assert_allclose(numpy.loadtxt(folder / "positions.txt")[1:4], (0, 1.3, 0))
+
+    # Above a frame that nothing fixes to the camera, positions are its own.
+    folder, log = importer(path, *words, "--body_frame", "odom", output="other")
+    assert "does not connect the frame 'odom'" in log
+    read = numpy.loadtxt(folder / "positions.txt")
+    assert_allclose(read[:, 1:4], [odom_in_map(s) for s in (0.2, 0.7)],
+                    atol=1e-9)
+
+
+def test_tf_that_does_not_tell_is_an_error(importer, tmp_path):
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, tf_messages("ros1"))
+    topic = ("--position_topic", "/tf")
+    cases = [(path, (*topic, "--body_frame", "imu"), ("'imu'", "base, map")),
+             (path, (*topic, "--world_frame", "utm"), ("'utm'", "base, map")),
+             (path, ("--world_frame", "map"), ("position_topic to",)),
+             (path, ("--position_topic", "/tf_static"), ("'/tf_static'",
+                                                         "position_topic"))]
+    two = tmp_path / "two.bag"
+    ros.write_ros1_bag(two, tf_messages("ros1") + [
+        message for message in tf_messages("ros1", "utm")
+        if message.topic == "/tf"])
+    cases.append((two, topic, ("'map'", "'utm'")))
+    cycle = tmp_path / "cycle.bag"
+    ros.write_ros1_bag(cycle, tf_messages("ros1", "base"))
+    cases.append((cycle, topic, ("cycle",)))
+    apart = tmp_path / "apart.bag"
+    ros.write_ros1_bag(apart, drive_messages("ros1") + [
+        ros.Message("/tf", "tf2_msgs/TFMessage", T0, ros.transforms(
+            "ros1", [(parent, child, (0, 0, 0), (0, 0, 0, 1))], T0 + time_ns))
+        for parent, child, time_ns in (("map", "odom", 0),
+                                       ("odom", "base", 1000))])
+    cases.append((apart, topic, ("above 'base'", "world_frame")))
+    dark = tmp_path / "dark.bag"
+    ros.write_ros1_bag(dark, [m for m in tf_messages("ros1")
+                              if "image_raw" not in m.topic] + [
+        ros.Message("/left/image_raw", "sensor_msgs/Image", T0, b"short")])
+    cases.append((dark, topic, ("no image that can be read",)))
+    for i, (file, words, expected) in enumerate(cases):
+        folder, log = importer(file, "--sampling", "all", *words, fails=True,
+                               output=f"out{i}")
+        assert not folder.exists()
+        lines = [line for line in log.splitlines() if line.strip()]
+        assert len(lines) == 1 and file.name in log, log
+        for text in expected:
+            assert text in log, log
+
+
+def rotation_of(vector):
+    """The rotation by an angle-axis vector."""
+    angle = numpy.linalg.norm(vector)
+    x, y, z = vector / max(angle, 1e-300)
+    cross = numpy.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return (numpy.eye(3) + numpy.sin(angle) * cross +
+            (1 - numpy.cos(angle)) * cross @ cross)
+
+
+def quaternion_of(vector):
+    """x, y, z, w of the same."""
+    half = numpy.linalg.norm(vector) / 2
+    return (*(vector * (numpy.sinc(half / numpy.pi) / 2)), numpy.cos(half))
+
+
+# An IMU that turns steadily, and its mounting in the frame of the camera.
+TURN = numpy.array([0.5, -1.1, 0.7])  # rad/s
+MOUNT = numpy.array([1.2, 0.4, -0.3])
+
+
+def gravity_of(seconds):
+    return -(rotation_of(MOUNT) @ rotation_of(TURN * seconds).T)[:, 2]
+
+
+def imu_messages(encoding, noise, orientation=None, is_mounted=True,
+                 gravity=9.81, change=lambda i, force: force):
+    """At 100 Hz from 1 s before the first image to 1.5 s after it."""
+    messages = drive_messages(encoding)
+    if is_mounted:
+        messages[0].data = ros.transforms(encoding, [
+            ("base", "left_optical", (0, 0.3, 0), (0, 0, 0, 1)),
+            ("left_optical", "imu", (1, 2, 3), quaternion_of(MOUNT)),
+            ("base", "right_optical", (0, 0, 0), (0, 0, 0, 1))])
+    rng = numpy.random.default_rng(1)
+    for i in range(-100, 150):
+        seconds = 0.01 * i
+        force = change(i, [0, 0, gravity] + rng.normal(0, noise, 3))
+        time_ns = T0 + i * STEP // 10
+        messages.append(ros.Message("/imu", "sensor_msgs/Imu", time_ns, ros.imu(
+            encoding, time_ns, "imu", orientation and orientation(seconds),
+            TURN, rotation_of(TURN * seconds).T @ force)))
+    return messages
+
+
+def angles_deg(read):
+    expected = [gravity_of(0.1 * i) for i in range(8)]
+    return numpy.degrees(numpy.arccos(numpy.clip(
+        (read[:, 1:] * expected).sum(axis=1), -1, 1)))
+
+
+@pytest.mark.parametrize("encoding", ("ros1", "cdr"))
+def test_gravity_by_acceleration(encoding, importer, tmp_path):
+    """The error is that of the mean, and the stated one."""
+    path = tmp_path / ("drive.bag" if encoding == "ros1" else "drive.mcap")
+    write = ros.write_ros1_bag if encoding == "ros1" else ros.write_mcap
+    words = ("--sampling", "all", "--gravity_window_s", "0.4")
+    for noise in (0.0, 2.0):
+        write(path, imu_messages(encoding, noise))
+        folder, log = importer(path, *words, output=f"out{noise}")
+        assert "WARN" not in log.upper(), log
+        assert f"gravity_path {folder / 'gravity.txt'}" in log
+        read = numpy.loadtxt(folder / "gravity.txt")
+        assert_allclose(read[:, 0] - T0 / 1e9, 0.1 * numpy.arange(8), atol=1e-6)
+        expected_deg = numpy.degrees(noise / 9.81 / numpy.sqrt(41))
+        assert angles_deg(read).max() < 3.5 * expected_deg + 0.01
+        stated_deg = float(log.split("standard deviation ")[1].split()[0])
+        assert abs(stated_deg - expected_deg) < 0.5 * expected_deg + 0.01
+
+
+def half_turn(x, y, z, w):
+    """The product of the quaternion (1, 0, 0, 0) and this one."""
+    return (w, -z, y, -x)
+
+
+def test_gravity_by_orientation(importer, tmp_path):
+    """Unless it contradicts the acceleration, or is one for all times."""
+    cases = (("right", lambda s: quaternion_of(TURN * s), "orientation in", 0.1),
+             ("one", lambda s: (0, 0, 0, 1), "mean acceleration", 8),
+             ("down", lambda s: half_turn(*quaternion_of(TURN * s)),
+              "mean acceleration", 8))
+    for name, orientation, expected, tolerance_deg in cases:
+        path = tmp_path / f"{name}.bag"
+        ros.write_ros1_bag(path, imu_messages("ros1", 2.0, orientation))
+        folder, log = importer(path, "--sampling", "all", "--gravity_window_s",
+                               "0.4", output=name)
+        assert expected in log, log
+        read = numpy.loadtxt(folder / "gravity.txt")
+        assert angles_deg(read).max() < tolerance_deg
+
+
+def test_single_messages_do_not_count(importer, tmp_path):
+    """Without a quantity, or with numbers that no sensor measures."""
+    def orientation(seconds):
+        return ((0, 0, 0, 0) if seconds < -0.95 else
+                quaternion_of(TURN * seconds))
+
+    for value in (numpy.nan, 1e18, 1e300):
+        def change(i, force):
+            return [value] * 3 if i == -20 else force
+        for name, turned in (("mean", None), ("orientation", orientation)):
+            path = tmp_path / "drive.bag"
+            ros.write_ros1_bag(path, imu_messages("ros1", 0.0, turned,
+                                                  change=change))
+            folder, log = importer(path, "--sampling", "all",
+                                   "--gravity_window_s", "0.4",
+                                   output=f"{name}{value}")
+            assert f"by the {name}" in log
+            read = numpy.loadtxt(folder / "gravity.txt")
+            assert angles_deg(read).max() < 0.01
+
+
+def test_acceleration_without_gravity(importer, tmp_path):
+    """Only the orientation tells. A large deviation causes a warning."""
+    path = tmp_path / "drive.bag"
+    words = ("--sampling", "all", "--gravity_window_s", "0.4")
+    ros.write_ros1_bag(path, imu_messages(
+        "ros1", 0.3, lambda s: quaternion_of(TURN * s), gravity=0))
+    folder, log = importer(path, *words)
+    assert "by the orientation in /imu, unknown standard deviation" in log
+    assert "WARN" not in log.upper()
+    assert angles_deg(numpy.loadtxt(folder / "gravity.txt")).max() < 0.1
+    ros.write_ros1_bag(path, imu_messages("ros1", 0.3, gravity=0))
+    folder, log = importer(path, *words, output="none")
+    assert not (folder / "gravity.txt").exists()
+    assert "instead of 9.81 m/s^2; set imu_topic" in log
+    ros.write_ros1_bag(path, imu_messages(
+        "ros1", 0.3, change=lambda i, force: force + [3 * (i // 40 % 2), 0, 0]))
+    _, log = importer(path, *words, output="noisy")
+    assert "deviation of more than 5 deg; change gravity_window_s" in log
+
+
+def test_gravity_of_a_second_run(importer, tmp_path):
+    """Its options do not invalidate images, and no old file remains."""
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, imu_messages("ros1", 0.0))
+    words = ("--sampling", "all")
+    folder, log = importer(path, *words)
+    assert "--body_calibration" not in log
+    text = (folder / "gravity.txt").read_text()
+    assert text.startswith("# SECONDS GX GY GZ in the axes of the camera 'left'")
+    _, log = importer(path, *words, "--gravity_axes", "imu")
+    assert "16 were already there" in log and "--body_calibration FILE" in log
+    text = (folder / "gravity.txt").read_text()
+    assert "in the axes of the frame 'imu'" in text
+    importer(path, *words, "--imu_topic", "none")
+    assert not (folder / "gravity.txt").exists()
+
+
+def test_axes_of_gravity(importer, tmp_path):
+    """Without tf, only those of the IMU are known."""
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, imu_messages("ros1", 0.0, is_mounted=False))
+    words = ("--sampling", "all")
+    folder, log = importer(path, *words)
+    assert not (folder / "gravity.txt").exists()
+    assert "'imu'" in log and "'left_optical'" in log and "/imu" in log
+    assert "gravity_axes" in log and "body_calibration" in log
+    assert "WARN" not in log.upper(), log
+    _, log = importer(path, *words, "--imu_topic", "/imu", output="named")
+    assert "WARN" in log.upper()
+    folder, log = importer(path, *words, "--gravity_axes", "imu", output="imu")
+    assert "WARN" not in log.upper(), log
+    read = numpy.loadtxt(folder / "gravity.txt")
+    read[:, 1:] = read[:, 1:] @ rotation_of(MOUNT).T
+    assert angles_deg(read).max() < 0.01
+    folder, log = importer(path, *words, "--imu_topic", "none", output="none")
+    assert "WARN" not in log.upper(), log

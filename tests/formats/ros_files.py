@@ -104,11 +104,11 @@ def camera_info(encoding, frame, size, model, distortion, K, R=None, P=None,
     return message.add("B", 0).done()
 
 
-def transforms(encoding, items):
+def transforms(encoding, items, time_ns=0):
     """Items are (parent, child, translation, quaternion x y z w)."""
     message = Serializer(encoding).add("I", len(items))
     for parent, child, translation, quaternion in items:
-        message.header(0, parent).text(child)
+        message.header(time_ns, parent).text(child)
         message.add("d", *translation, *quaternion)
     return message.done()
 
@@ -123,6 +123,16 @@ def odometry(encoding, time_ns, child, position, quaternion):
     message = Serializer(encoding).header(time_ns, "odom").text(child)
     message.add("d", *position, *quaternion).add("d", *[0] * 36)
     return message.add("d", *[0] * 42).done()
+
+
+def imu(encoding, time_ns, frame, orientation, angular_velocity, acceleration):
+    """A measurement that is None has the covariance -1."""
+    message = Serializer(encoding).header(time_ns, frame)
+    for value, size in ((orientation, 4), (angular_velocity, 3),
+                        (acceleration, 3)):
+        message.add("d", *([0.0] * size if value is None else value))
+        message.add("d", -1.0 if value is None else 0.0, *[0.0] * 8)
+    return message.done()
 
 
 @dataclasses.dataclass

@@ -23,6 +23,9 @@ void ReadAs(const RecordingTopic& topic, std::string_view message) {
     FUZZ_CHECK(!pose.is_valid || pose.world_from_child.translation.allFinite());
   } else if (topic.type == "nav_msgs/Odometry") {
     (void)ReadOdometryMessage(message, encoding);
+  } else if (topic.type == "sensor_msgs/Imu") {
+    const ImuMessage imu = ReadImuMessage(message, encoding);
+    FUZZ_CHECK(!imu.acceleration || imu.acceleration->allFinite());
   } else {
     for (const auto& transform : ReadTransformMessages(message, encoding)) {
       FUZZ_CHECK(transform.parent_from_child.translation.allFinite());

@@ -90,7 +90,7 @@ TEST_F(BodyCalibrationTest, KnownRigsCompleteAndMustAgree) {
   scene_.sensors[right].sensor_from_rig =
       Rigid3{Eigen::Quaterniond::Identity(), {-0.4, 0.0, 0.0}};
   EXPECT_EQ(ErrorWith("body.json", json), "no error");
-  const Body body = ReadBody(scene_, path_);
+  const BodyFrame body = ReadBody(scene_, path_);
   EXPECT_LT((body.cam_from_body[right]->translation - Vector3d(-0.3, 0.0, 0.0))
                 .norm(),
             1e-12);
@@ -101,8 +101,6 @@ TEST_F(BodyCalibrationTest, KnownRigsCompleteAndMustAgree) {
 }
 
 TEST_F(BodyCalibrationTest, OtherFormatsAreRefusedByName) {
-  EXPECT_THAT(ErrorWith("robot.urdf", "<robot/>"),
-              AllOf(HasSubstr("is a URDF"), HasSubstr("T_cam_imu")));
   EXPECT_THAT(ErrorWith("tf.yaml", "transforms: []\n"),
               HasSubstr("dump of tf"));
   EXPECT_THAT(ErrorWith("drive.mcap", ""), HasSubstr("is a recording"));
@@ -125,6 +123,125 @@ TEST_F(BodyCalibrationTest, WrongValuesNameTheRemedy) {
   options_ = PosePriorOptions();
   EXPECT_THAT(ErrorWith("camchain.yaml", kCamchain),
               HasSubstr("would not be read"));
+}
+
+// The body of kCamchain. In an optical frame, x of the base is z, y is -x, and
+// z is -y: a roll of -90 and then a yaw of -90 degrees about fixed axes.
+constexpr const char* kUrdf = R"(<?xml version="1.0"?>
+<!-- <joint type="fixed"> of an old robot -->
+<![CDATA[ <joint> ]]>
+<robot name="car">
+  <link name="maximum_link"/>
+  <link name="base_link"/> <link name='imu_link'/> <link name="left"></link>
+  <link name="left_optical_frame"/> <link name="right1"/>
+  <link name="gnss_antenna"/> <link name="wheel1"/>
+  <joint name="a" type="fixed">
+    <origin xyz="1
+    0 0.5"/><parent link="base_link"/><child link="imu_link"/>
+  </joint>
+  <joint name="b" type="fixed">
+    <parent link="base_link"/><child link="left"/><origin xyz="3 0 0.5"/>
+  </joint>
+  <joint name="c" type="fixed">
+    <origin rpy="-1.5707963267948966 0 -1.5707963267948966" xyz="0 0 0"/>
+    <parent link="left"/><child link="left_optical_frame"/>
+  </joint>
+  <joint name="d" type="fixed">
+    <origin xyz="0.5 0 0"/>
+    <parent link="left_optical_frame"/><child link="right1"/>
+  </joint>
+  <joint name="e" type="fixed">
+    <origin xyz="0.5 0 1.2"/>
+    <parent link="imu_link"/><child link="gnss_antenna"/>
+  </joint>
+  <joint name="f" type="continuous">
+    <parent link="base_link"/><child link="wheel1"/><axis xyz="0 1 0"/>
+  </joint>
+  <transmission name="t"><joint name="f"><origin/></joint></transmission>
+</robot>
+)";
+
+std::string With(std::string text, const std::string& part,
+                 const std::string& other) {
+  return text.replace(text.find(part), part.size(), other);
+}
+
+TEST_F(BodyCalibrationTest, AUrdfIsTheSameBody) {
+  const BodyFrame expected = ReadBody(scene_, Write("chain.yaml", kCamchain));
+  Write("robot.urdf", With(kUrdf, "old robot", "old robot in Latin-1: \xe9"));
+  // Other names need a file that says what they are.
+  Write("other.urdf", With(With(kUrdf, "name=\"wheel1", "name=\"imu_2"),
+                           "name=\"base_link", "name=\"gps_base"));
+  const std::string named =
+      Write("body.yaml",
+            "urdf: other.urdf\nimu_link: imu_link\nantenna_link: gnss_antenna");
+  for (const std::string& path :
+       {(dir_.path() / "robot.urdf").string(), named}) {
+    const BodyFrame body = ReadBody(scene_, path);
+    EXPECT_LT((body.antenna_in_body - expected.antenna_in_body).norm(), 1e-12);
+    for (size_t s = 0; s < scene_.sensors.size(); ++s) {
+      const Rigid3 difference =
+          *body.cam_from_body[s] * expected.cam_from_body[s]->Inverse();
+      EXPECT_LT(difference.translation.norm(), 1e-12) << path;
+      EXPECT_LT(difference.rotation.vec().norm(), 1e-12) << path;
+    }
+  }
+}
+
+TEST_F(BodyCalibrationTest, ErrorsOfUrdfsListTheLinks) {
+  const auto error = [&](const std::string& part, const std::string& other) {
+    return ErrorWith("robot.urdf", With(kUrdf, part, other));
+  };
+  EXPECT_EQ(error("car", "bus"), "no error");
+  EXPECT_THAT(error("\"wheel1", "\"imu_2"),
+              AllOf(HasSubstr("robot.urdf"), HasSubstr("imu_link, imu_2"),
+                    HasSubstr("set imu_link")));
+  EXPECT_THAT(error("'imu_link", "'sensor"),
+              AllOf(HasSubstr("base_link, sensor"), HasSubstr("set imu_link")));
+  EXPECT_THAT(error("\"wheel1", "\"gps"), HasSubstr("gnss_antenna, gps"));
+  EXPECT_THAT(error("e\" type=\"fixed", "e\" type=\"prismatic"),
+              HasSubstr("no fixed joints connect"));
+  EXPECT_THAT(error("xyz=\"1", "xyz=\"${x}"),
+              AllOf(HasSubstr("joint 'a'"), HasSubstr("xyz")));
+  EXPECT_THAT(error("xyz=\"1", "xyz=\"1e300"),
+              AllOf(HasSubstr("joint 'a'"), HasSubstr("correct it")));
+  EXPECT_THAT(error("<transmission", "<xacro:wheel name=\"f\"/><transmission"),
+              HasSubstr("has macros"));
+  EXPECT_THAT(error("</robot>", ""), HasSubstr("no whole URDF"));
+  EXPECT_THAT(error("robot -->", ""), HasSubstr("comment without end"));
+  EXPECT_THAT(error("<parent link=\"base_link\"/><child link=\"left\"",
+                    "<parent link=\"right1\"/><child link=\"left\""),
+              HasSubstr("has a cycle of fixed joints above the link 'left'"));
+  EXPECT_THAT(error("d\" type=\"fixed", "d\" type=\"floating"),
+              AllOf(HasSubstr("no pose of camera 'right1'"),
+                    HasSubstr("fixed joints to its link")));
+  Write("robot.urdf", kUrdf);
+  EXPECT_THAT(ErrorWith("body.yaml", "urdf: robot.urdf\nantenna_link: roof"),
+              AllOf(HasSubstr("no link 'roof' (antenna_link)"),
+                    HasSubstr("gnss_antenna, wheel1")));
+  EXPECT_THAT(ErrorWith("body.yaml", "urdf: robot.urdf\nimu_lnk: imu_link"),
+              AllOf(HasSubstr("body.yaml', line 2"), HasSubstr("imu_lnk"),
+                    HasSubstr("is none of urdf")));
+  EXPECT_THAT(ErrorWith("body.yaml",
+                        "urdf: robot.urdf\nantenna_in_imu: [0, 0, 1]\n"
+                        "antenna_link: gnss_antenna"),
+              HasSubstr("is beside antenna_link"));
+}
+
+TEST_F(BodyCalibrationTest, OneSensorHasTheOpticalLinkAndAnyAntenna) {
+  Write("robot.urdf", kUrdf);
+  const Scene scene =
+      LoadScene(MakeContents({"1.png", "2.png"}), {}, Context()).scene;
+  const BodyFrame body = ReadBody(
+      scene,
+      Write("body.yaml", "urdf: robot.urdf\nantenna_in_imu: [0, 0, 1]\n"));
+  EXPECT_EQ(body.antenna_in_body, Vector3d::UnitZ());
+  EXPECT_EQ(body.warning, "");
+  const BodyFrame both = ReadBody(scene_, path_);
+  EXPECT_EQ(body.cam_from_body[0]->translation,
+            both.cam_from_body[0]->translation);
+  EXPECT_THAT(both.warning, AllOf(HasSubstr("the link 'right1'"),
+                                  HasSubstr("right1_optical_frame")));
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Rigs of OpenSfM and kapture, by hand from their documentation.
 #include <cmath>
+#include <set>
 
 #include "io/calibration_fixture.h"
 
@@ -109,6 +110,102 @@ TEST_F(CalibrationSfmTest, OpenSfmWithoutCameraModelsHasPosesOnly) {
   EXPECT_EQ(scene.frames.size(), 1u);
   EXPECT_EQ(scene.cameras[0].model, CameraModelId::kSimpleRadial);
   EXPECT_TRUE(scene.sensors[1].sensor_from_rig.has_value());
+}
+
+// The names of images that are in one frame.
+std::set<std::set<std::string>> FramesOf(const Scene& scene) {
+  std::set<std::set<std::string>> frames;
+  for (const Frame& frame : scene.frames) {
+    std::set<std::string> names;
+    for (const int i : frame.image_idxs) names.insert(scene.images[i].name);
+    frames.insert(names);
+  }
+  return frames;
+}
+
+TEST_F(CalibrationSfmTest, OpenSfmInstancesAreFrames) {
+  Write("rig_cameras.json", kOpenSfm);
+  Write("camera_models.json",
+        R"({"b": {"projection_type": "fisheye", "width": 1280, "height": 960,
+                  "focal": 0.4, "k1": -0.05, "k2": 0.01}})");
+  const DatabaseContents contents =
+      MakeContents({"a.jpg", "a.png", "c.jpg", "d.jpg", "e.jpg", "seq/f.jpg"});
+  const std::string first = R"([["a.jpg", "front"], ["c.jpg", "left"]])";
+  const std::string second = R"([["a.png", "front"], ["seq/f.jpg", "left"],
+      ["gone.jpg", "up"]])";
+  SceneLoadingOptions options;
+  for (const std::string& text :
+       {"[" + first + ", " + second + "]",
+        R"({"x": )" + first + R"(, "y": )" + second + "}"}) {
+    Write("rig_assignments.json", text);
+    for (const std::string& path : {Path("rig_cameras.json"), Path("")}) {
+      options.calibration_path = path;
+      const Scene scene = LoadScene(contents, options, Context()).scene;
+      const std::set<std::set<std::string>> expected = {
+          {"a.jpg", "c.jpg"}, {"a.png", "seq/f.jpg"}, {"d.jpg"}, {"e.jpg"}};
+      EXPECT_EQ(FramesOf(scene), expected);
+      const Image& front = scene.images[0];
+      const Image& left = scene.images[2];
+      EXPECT_EQ(scene.sensors[left.sensor_idx].name, "left");
+      EXPECT_EQ(scene.cameras[left.camera_idx].model,
+                CameraModelId::kOpenCVFisheye);
+      // As in the files, whichever is the reference.
+      const Rigid3 left_from_front =
+          *scene.sensors[left.sensor_idx].sensor_from_rig *
+          scene.sensors[front.sensor_idx].sensor_from_rig->Inverse();
+      EXPECT_LT((left_from_front * Eigen::Vector3d(0, 0, 1) -
+                 Eigen::Vector3d(1.1, 0.2, 0.3))
+                    .norm(),
+                1e-9);
+    }
+  }
+  const auto error = [&](const std::string& text) {
+    Write("rig_assignments.json", text);
+    return ErrorOf([&] { (void)LoadScene(contents, options, Context()); });
+  };
+  EXPECT_THAT(error("[\n[[\"a.jpg\", \"rear\"]]]"),
+              AllOf(HasSubstr("rig_assignments.json', line 2"),
+                    HasSubstr("no camera of rig_cameras.json")));
+  EXPECT_THAT(error("[" + first + ", " + first + "]"),
+              HasSubstr("in two instances"));
+  EXPECT_THAT(error(R"([["a.jpg", "front"]])"), HasSubstr("is no pair"));
+}
+
+// Cameras of instances, and by names for other images, also if no frame has
+// both; a file that names no image decides nothing.
+TEST_F(CalibrationSfmTest, OpenSfmInstancesKeepTheCalibration) {
+  Write("opensfm/rig_cameras.json", kOpenSfm);
+  Write("opensfm/camera_models.json",
+        R"({"b": {"projection_type": "fisheye", "width": 1280, "height": 960,
+                  "focal": 0.4, "k1": -0.05, "k2": 0.01}})");
+  SceneLoadingOptions options;
+  options.calibration_path = Path("");
+  for (const std::string listed :
+       {"[[\"a.jpg\", \"left\"]]", "[]", "[[\"images/a.jpg\", \"left\"]]"}) {
+    Write("opensfm/rig_assignments.json", "[" + listed + "]");
+    std::vector<std::string> warnings;
+    Context context;
+    context.log = [&](LogLevel level, const std::string& message) {
+      if (level == LogLevel::kWarning) warnings.push_back(message);
+    };
+    const bool is_used = listed.find("[\"a.jpg") != std::string::npos;
+    const Scene scene =
+        LoadScene(MakeContents({"a.jpg", "left/1.png", "left/2.png"}), options,
+                  context)
+            .scene;
+    EXPECT_EQ(scene.frames.size(), 3u);
+    for (const Image& image : scene.images) {
+      const bool is_left = is_used || image.name != "a.jpg";
+      EXPECT_EQ(scene.cameras[image.camera_idx].model ==
+                    CameraModelId::kOpenCVFisheye,
+                is_left)
+          << image.name << listed;
+    }
+    EXPECT_EQ(
+        testing::Value(
+            warnings, testing::Contains(HasSubstr("names none of the images"))),
+        !is_used);
+  }
 }
 
 TEST_F(CalibrationSfmTest, KaptureHasTheModelsOfColmapAndPosesFromTheRig) {

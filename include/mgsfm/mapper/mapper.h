@@ -86,6 +86,11 @@ struct MapperOptions {
       "Scale models by the known distance of two cameras of a rig, given as "
       "known_baseline=CAMERA1:CAMERA2:METERS. It is not needed with a known "
       "rig or measured positions."};
+  Option<bool> estimate_antenna{
+      "estimate_antenna", false,
+      "Estimate where the antenna of the positions is, starting from its place "
+      "in body_calibration, and use it. The rig must turn and change its "
+      "speed."};
   Option<WeakSeams> weak_seams{
       "Mapper.weak_seams", WeakSeams::kKeep,
       "Choose what happens at the weak seams of a model: keep reports them, "
@@ -112,7 +117,7 @@ struct MapperOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(min_num_frames, min_model_size, compute_covariances, metric_scale,
-          weak_seams);
+          estimate_antenna, weak_seams);
     visit.Group("FocalLengths", focal_lengths);
     visit.Group("ViewGraph", view_graph);
     visit.Group("PairFiltering", pair_filtering);
@@ -160,6 +165,8 @@ struct MapperModel {
   bool IsAtPositions() const {
     return position_priors && position_priors->is_registered;
   }
+  // The positions as those of the estimated antenna, if there is one.
+  PositionPriors PositionsOf(PositionPriors positions) const;
 };
 
 struct UnregisteredFrame {

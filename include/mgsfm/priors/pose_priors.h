@@ -60,9 +60,9 @@ struct PosePriorOptions {
   Option<std::string> body_calibration{
       "body_calibration", "",
       "Read the poses of cameras relative to an inertial sensor (T_cam_imu of "
-      "Kalibr) and the antenna (antenna_in_imu) from this file. Positions are "
-      "those of the antenna, and directions in gravity_path are in the axes of "
-      "the inertial sensor."};
+      "Kalibr, or a URDF) and the antenna (antenna_in_imu) from this file. "
+      "Positions are those of the antenna, and directions in gravity_path are "
+      "in the axes of the inertial sensor."};
   Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
                                   kPositionKindHelp};
   Option<bool> overwrite_priors_covariance{

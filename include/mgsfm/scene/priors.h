@@ -67,6 +67,28 @@ struct ModelDeformation {
   }
 };
 
+// Where the antenna is, if the motion determines it.
+struct AntennaEstimate {
+  // From its given place, in its axes. Zero along directions in which chance
+  // exceeds it in 1 of 10,000 recordings.
+  Eigen::Vector3d offset = Eigen::Vector3d::Zero();
+  double sigma = 0.0;  // of the length
+
+  // The positions as those of this place.
+  PositionPriors Move(PositionPriors positions) const {
+    for (auto& prior : positions.images) {
+      if (!prior) continue;
+      Rigid3& pose = prior->cam_from_antenna;
+      pose.translation = pose * offset;
+    }
+    return positions;
+  }
+  auto Fields() const {
+    return Named("offset", std::vector<double>(offset.begin(), offset.end()),
+                 "sigma", sigma);
+  }
+};
+
 // The use of measured positions in one model. Lengths are in the unit of the
 // positions.
 struct PositionPriorSummary {
@@ -83,6 +105,7 @@ struct PositionPriorSummary {
   std::string message;         // why it is not registered, or what was assumed
   int num_priors = 0;          // of images registered before the alignment
   int num_used = 0;
+  std::optional<AntennaEstimate> antenna;       // if requested
   std::optional<ModelDeformation> deformation;  // nullopt: not needed
   std::optional<double> rms;  // distance of the used positions
   // Not used, or more than 4 standard deviations from the final model.
@@ -91,7 +114,8 @@ struct PositionPriorSummary {
   auto Fields() const {
     return Named("is_registered", is_registered, "message", message,
                  "num_priors", num_priors, "num_used", num_used, "rms", rms,
-                 "deformation", deformation, "outliers", outliers);
+                 "antenna", antenna, "deformation", deformation, "outliers",
+                 outliers);
   }
 };
 

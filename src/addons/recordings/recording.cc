@@ -69,6 +69,7 @@ int RecordingFile::TopicIdx(const std::string& name, std::string type,
   // ROS 2 says "sensor_msgs/msg/Image".
   const size_t middle = type.find("/msg/");
   if (middle != std::string::npos) type.erase(middle, 4);
+  if (type == "tf/tfMessage") type = "tf2_msgs/TFMessage";  // its older name
   auto found =
       std::find_if(topics_.begin(), topics_.end(), [&](const auto& topic) {
         return topic.name == name && topic.type == type &&
@@ -208,10 +209,12 @@ std::string Recording::Name() const {
   return name + " and " + std::to_string(paths_.size() - 1) + " more";
 }
 
+std::string Recording::Subject(int topic_idx) const {
+  return "topic '" + topics_[topic_idx].name + "' of recording " + Name();
+}
+
 double Recording::DurationSeconds() const {
-  return last_ns_ <= first_ns_ ? 0.0
-                               : static_cast<double>(last_ns_ - first_ns_) /
-                                     static_cast<double>(kNsPerSecond);
+  return last_ns_ <= first_ns_ ? 0.0 : Seconds(last_ns_ - first_ns_);
 }
 
 }  // namespace mgsfm

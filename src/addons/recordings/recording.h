@@ -142,6 +142,8 @@ class Recording {
   std::string Name() const;
   // From the first to the last message; 0 without messages.
   double DurationSeconds() const;
+  // "topic '/fix' of recording 'a.bag'".
+  std::string Subject(int topic_idx) const;
   int64_t first_ns() const { return first_ns_; }
 
  private:

@@ -225,16 +225,10 @@ void SetIntrinsics(const RecordedCamera& camera, const std::string& topic,
   config->camera_params = calibrated.params;
 }
 
-// From the camera of the images to its frame: rectification turns images.
-std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera) {
-  if (!camera.is_rectified || !camera.info) return Rigid3();
-  return RigidFromRotation(camera.info->R.data());
-}
-
 // nullopt if it is unknown.
 std::optional<Rigid3> CamFromReference(const RecordedCamera& camera,
                                        const RecordedCamera& reference,
-                                       const StaticFrames& frames,
+                                       const FrameTree& frames,
                                        const Context& context) {
   if (frames.IsEmpty()) return std::nullopt;
   if (camera.frame_id == reference.frame_id) {
@@ -285,32 +279,13 @@ std::vector<RecordedCamera> ChooseCameras(const Recording& recording,
   return cameras;
 }
 
-void StaticFrames::Add(const TransformMessage& transform) {
-  parent_of_[transform.child] = {transform.parent, transform.parent_from_child};
-}
-
-std::pair<std::string, Rigid3> StaticFrames::RootFrom(std::string frame) const {
-  Rigid3 root_from_frame;
-  // A cycle ends after as many steps as there are transforms.
-  for (size_t i = 0; i < parent_of_.size(); ++i) {
-    const auto found = parent_of_.find(frame);
-    if (found == parent_of_.end()) break;
-    root_from_frame = found->second.second * root_from_frame;
-    frame = found->second.first;
-  }
-  return {frame, root_from_frame};
-}
-
-std::optional<Rigid3> StaticFrames::Between(const std::string& to,
-                                            const std::string& from) const {
-  const auto [root_of_to, root_from_to] = RootFrom(to);
-  const auto [root_of_from, root_from_from] = RootFrom(from);
-  if (root_of_to != root_of_from) return std::nullopt;
-  return root_from_to.Inverse() * root_from_from;
+std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera) {
+  if (!camera.is_rectified || !camera.info) return Rigid3();
+  return RigidFromRotation(camera.info->R.data());
 }
 
 std::optional<RigConfig> MakeRecordedRig(
-    const std::vector<RecordedCamera>& cameras, const StaticFrames& frames,
+    const std::vector<RecordedCamera>& cameras, const FrameTree& frames,
     const std::vector<RecordingTopic>& topics, const Context& context) {
   RigConfig rig;
   size_t num_lenses = 0, num_poses = 0;

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <map>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "files/image_reading.h"
+#include "geometry/frame_tree.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/rigs/rig_config.h"
@@ -37,28 +36,15 @@ std::vector<RecordedCamera> ChooseCameras(const Recording& recording,
                                           const std::string& image_topics,
                                           const Context& context);
 
-// The static frames of a recording, a forest.
-class StaticFrames {
- public:
-  // A later transform of the same child replaces an earlier one.
-  void Add(const TransformMessage& transform);
-  bool IsEmpty() const { return parent_of_.empty(); }
-  // nullopt if nothing connects the frames.
-  std::optional<Rigid3> Between(const std::string& to,
-                                const std::string& from) const;
-
- private:
-  // The root of the tree of a frame.
-  std::pair<std::string, Rigid3> RootFrom(std::string frame) const;
-
-  std::map<std::string, std::pair<std::string, Rigid3>> parent_of_;
-};
+// From the frame of a camera to its images, which rectification turns; nullopt
+// if the rotation is unknown.
+std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera);
 
 // The rig of the cameras, the first of which is the reference: intrinsics of
 // CameraInfo and poses of the frames, where they are known. nullopt if neither
 // is known of any camera. Logs what is known, and warns of what is unusable.
 std::optional<RigConfig> MakeRecordedRig(
-    const std::vector<RecordedCamera>& cameras, const StaticFrames& frames,
+    const std::vector<RecordedCamera>& cameras, const FrameTree& frames,
     const std::vector<RecordingTopic>& topics, const Context& context);
 
 }  // namespace mgsfm

@@ -2,7 +2,6 @@
 #include "recordings/recording_import.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -22,6 +21,7 @@
 #include "mgsfm/base/timer.h"
 #include "recordings/byte_reader.h"
 #include "recordings/image_messages.h"
+#include "recordings/recorded_priors.h"
 #include "recordings/recording.h"
 #include "recordings/recording_cameras.h"
 #include "video/motion_sampler.h"
@@ -35,12 +35,6 @@ namespace fs = std::filesystem;
 // As for videos: sharpness needs more pixels than motion; even larger images
 // add nothing.
 constexpr int kMotionImageSize_px = 640;
-
-std::string TimeText(int64_t time_ns) {
-  return Formatted("%06lld.%09lld",
-                   static_cast<long long>(time_ns / kNsPerSecond),
-                   static_cast<long long>(time_ns % kNsPerSecond));
-}
 
 // The images of a camera.
 struct CameraImages {
@@ -66,7 +60,7 @@ class RecordingImport {
         context_(context),
         cameras_(ChooseCameras(recording, options.image_topics, context)),
         images_(cameras_.size()),
-        position_topic_(FindPositionTopic()),
+        priors_(recording, options, context),
         camera_of_topic_(recording.topics().size(), -1) {
     for (size_t c = 0; c < cameras_.size(); ++c) {
       camera_of_topic_[cameras_[c].topic_idx] = static_cast<int>(c);
@@ -79,11 +73,6 @@ class RecordingImport {
   const RecordingTopic& Topic(int topic_idx) const {
     return recording_.topics()[topic_idx];
   }
-  std::string Subject(int topic_idx) const {
-    return "topic '" + Topic(topic_idx).name + "' of recording " +
-           recording_.Name();
-  }
-  int FindPositionTopic() const;
   std::string Settings() const;
 
   // Headers of images, and all other messages.
@@ -103,13 +92,10 @@ class RecordingImport {
   void WriteTasks(std::vector<ImageMessageTask>* tasks,
                   RecordingImportSummary* summary);
   void WriteImages(const fs::path& folder, RecordingImportSummary* summary);
-  bool PositionsAreGps() const {
-    return Topic(position_topic_).type == "sensor_msgs/NavSatFix";
-  }
-  std::string PositionLines() const;
   void WarnOfDamage(int topic_idx, const std::string& problem) {
-    warnings_.Add(Subject(topic_idx) + " has a damaged message, which " +
-                  problem + "; it is skipped");
+    warnings_.Add(recording_.Subject(topic_idx) +
+                  " has a damaged message, which " + problem +
+                  "; it is skipped");
   }
 
   const Recording& recording_;
@@ -117,44 +103,13 @@ class RecordingImport {
   const Context& context_;
   std::vector<RecordedCamera> cameras_;
   std::vector<CameraImages> images_;
-  const int position_topic_;  // -1: none
+  RecordedPriors priors_;
   std::vector<int> camera_of_topic_;
-  StaticFrames frames_;
-  std::map<int64_t, PoseMessage> positions_;  // by time
-  size_t num_positions_without_stamp_ = 0;
+  FrameTree frames_;
   GroupedWarnings warnings_;
 };
 
-// ---------------------------------------------------------------------- topics
-
-int RecordingImport::FindPositionTopic() const {
-  const std::string& wanted = *options_.position_topic;
-  if (wanted == "none") return -1;
-  const bool is_automatic = wanted == "auto";
-  const std::vector<RecordingTopic>& topics = recording_.topics();
-  for (const char* type : {"sensor_msgs/NavSatFix", "nav_msgs/Odometry"}) {
-    std::vector<int> found;
-    std::vector<std::string> names;
-    for (size_t i = 0; i < topics.size(); ++i) {
-      const bool is_chosen =
-          is_automatic ? topics[i].num_messages > 0 : topics[i].name == wanted;
-      if (topics[i].type != type || !is_chosen) continue;
-      found.push_back(static_cast<int>(i));
-      names.push_back(topics[i].name);
-    }
-    if (found.size() == 1) return found.front();
-    if (found.empty()) continue;
-    context_.Warning("no positions are imported: recording " +
-                     recording_.Name() + " has several topics of " + type +
-                     ", " + Joined(names, ", ") +
-                     "; set position_topic to one of them, or to none");
-    return -1;
-  }
-  if (is_automatic) return -1;
-  throw Error("recording " + recording_.Name() + " has no topic '" + wanted +
-              "' (position_topic) of NavSatFix or Odometry messages; run "
-              "recording_importer without output_path to list the topics");
-}
+// -------------------------------------------------------------------- settings
 
 std::string RecordingImport::Settings() const {
   nlohmann::ordered_json files = nlohmann::ordered_json::array();
@@ -163,9 +118,15 @@ std::string RecordingImport::Settings() const {
         {{"path", fs::weakly_canonical(fs::absolute(path)).string()},
          {"size", fs::file_size(path)}});
   }
-  const nlohmann::ordered_json settings = {
-      {"recording", std::move(files)},
-      {"options", nlohmann::ordered_json::parse(OptionsToJsonOf(options_))}};
+  auto options = nlohmann::ordered_json::parse(OptionsToJsonOf(options_));
+  // Positions and gravity are read again; earlier versions wrote their topic.
+  options["position_topic"] = "auto";
+  for (const char* name : {"body_frame", "world_frame", "imu_topic",
+                           "gravity_window_s", "gravity_axes"}) {
+    options.erase(name);
+  }
+  const nlohmann::ordered_json settings = {{"recording", std::move(files)},
+                                           {"options", std::move(options)}};
   return settings.dump(1) + "\n";
 }
 
@@ -191,19 +152,13 @@ void RecordingImport::TakeMessage(const RecordedMessage& message) {
   const RecordingTopic& topic = Topic(message.topic_idx);
   if (camera_of_topic_[message.topic_idx] >= 0) {
     TakeImage(message);
-  } else if (message.topic_idx == position_topic_) {
-    PoseMessage pose = topic.type == "nav_msgs/Odometry"
-                           ? ReadOdometryMessage(message.data, topic.encoding)
-                           : ReadNavSatFixMessage(message.data, topic.encoding);
-    const bool has_stamp = pose.header.stamp_ns != 0;
-    num_positions_without_stamp_ += has_stamp ? 0 : 1;
-    const int64_t time_ns =
-        has_stamp ? pose.header.stamp_ns : message.received_ns;
-    if (pose.is_valid) positions_.emplace(time_ns, std::move(pose));
+  } else if (priors_.Have(message.topic_idx)) {
+    priors_.Take(message);
   } else if (topic.type == "tf2_msgs/TFMessage") {
     for (const TransformMessage& transform :
          ReadTransformMessages(message.data, topic.encoding)) {
-      frames_.Add(transform);
+      frames_.Add(transform.parent, transform.child,
+                  transform.parent_from_child);
     }
   } else {
     for (RecordedCamera& camera : cameras_) {
@@ -223,12 +178,11 @@ void RecordingImport::ReadMessages() {
     wanted[camera.topic_idx] = true;
     if (camera.info_topic_idx >= 0) wanted[camera.info_topic_idx] = true;
   }
-  if (position_topic_ >= 0) wanted[position_topic_] = true;
   for (size_t i = 0; i < topics.size(); ++i) {
-    if (topics[i].name == "/tf_static" && topics[i].IsReadable() &&
-        topics[i].type == "tf2_msgs/TFMessage") {
-      wanted[i] = true;
-    }
+    const bool has_frames = topics[i].name == "/tf_static" &&
+                            topics[i].IsReadable() &&
+                            topics[i].type == "tf2_msgs/TFMessage";
+    if (has_frames || priors_.Have(static_cast<int>(i))) wanted[i] = true;
   }
   recording_.Read(wanted, context_, [&](const RecordedMessage& message) {
     try {
@@ -236,14 +190,9 @@ void RecordingImport::ReadMessages() {
     } catch (const BytesError& error) {
       WarnOfDamage(message.topic_idx, error.what());
     } catch (const Error& error) {
-      throw Error(Subject(message.topic_idx) + " " + error.what());
+      throw Error(recording_.Subject(message.topic_idx) + " " + error.what());
     }
   });
-  if (num_positions_without_stamp_ == 0) return;
-  context_.Warning(Subject(position_topic_) + ": the headers of " +
-                   std::to_string(num_positions_without_stamp_) +
-                   " positions have no time; the times at which they were "
-                   "received are used for these");
 }
 
 void RecordingImport::SetTimes(size_t camera_idx) {
@@ -256,12 +205,12 @@ void RecordingImport::SetTimes(size_t camera_idx) {
     num_unset += message->stamp_ns == 0 ? 1 : 0;
   }
   if (num_images == 0) {
-    throw Error(Subject(topic_idx) +
+    throw Error(recording_.Subject(topic_idx) +
                 " has no image that can be read; choose others with "
                 "image_topics");
   }
   if (num_unset > 0) {
-    context_.Warning(Subject(topic_idx) + ": the headers of " +
+    context_.Warning(recording_.Subject(topic_idx) + ": the headers of " +
                      std::to_string(num_unset) + " of " +
                      std::to_string(num_images) +
                      " images have no time; the times at which they were "
@@ -279,7 +228,7 @@ void RecordingImport::SetTimes(size_t camera_idx) {
     images.message_of_time.push_back(i);
   }
   if (message_of_time.size() == num_images) return;
-  context_.Warning(Subject(topic_idx) + ": " +
+  context_.Warning(recording_.Subject(topic_idx) + ": " +
                    std::to_string(num_images - message_of_time.size()) +
                    " images have the time of an earlier one and are skipped");
 }
@@ -295,7 +244,7 @@ double RecordingImport::MaxDifferenceSeconds() const {
     interval_ns =
         std::max(interval_ns, MedianInterval(images.times_ns).value_or(0));
   }
-  return static_cast<double>(interval_ns) / 2.0 / kNsPerSecond;
+  return Seconds(interval_ns) / 2.0;
 }
 
 std::vector<int> RecordingImport::SelectByMotion() {
@@ -323,7 +272,7 @@ std::vector<int> RecordingImport::SelectByMotion() {
     } catch (const BytesError& error) {
       WarnOfDamage(topic_idx, error.what());
     } catch (const Error& error) {
-      throw Error(Subject(topic_idx) + " " + error.what());
+      throw Error(recording_.Subject(topic_idx) + " " + error.what());
     }
   });
   return sampler.Finish();
@@ -336,7 +285,7 @@ std::vector<int> RecordingImport::SelectLeading() {
   }
   std::vector<int> selected = SelectByMotion();
   if (!selected.empty()) return selected;
-  throw Error(Subject(cameras_.front().topic_idx) +
+  throw Error(recording_.Subject(cameras_.front().topic_idx) +
               " has no image that can be decoded; choose others with "
               "image_topics");
 }
@@ -364,7 +313,7 @@ void RecordingImport::SelectNearest(size_t camera_idx,
     if (idx) selected.push_back(*idx);
   }
   if (selected.empty()) {
-    throw Error(Subject(cameras_[camera_idx].topic_idx) + " (" +
+    throw Error(recording_.Subject(cameras_[camera_idx].topic_idx) + " (" +
                 TimeText(times_ns.front()) + " s to " +
                 TimeText(times_ns.back()) +
                 " s) has no image at the times of '" +
@@ -402,7 +351,7 @@ void RecordingImport::WriteTasks(std::vector<ImageMessageTask>* tasks,
         try {
           WriteImageMessage(Topic(task.topic_idx), options_, &task);
         } catch (const Error& error) {
-          throw Error(Subject(task.topic_idx) + " " + error.what());
+          throw Error(recording_.Subject(task.topic_idx) + " " + error.what());
         }
       },
       1);
@@ -446,44 +395,11 @@ void RecordingImport::WriteImages(const fs::path& folder,
   operations.Sync(folder);
 }
 
-// Lines "time x y z qx qy qz qw".
-std::string RecordingImport::PositionLines() const {
-  const bool is_gps = PositionsAreGps();
-  std::string lines = is_gps ? "# SECONDS LATITUDE LONGITUDE ALTITUDE 0 0 0 1\n"
-                             : "# SECONDS X Y Z QX QY QZ QW\n";
-  std::optional<Rigid3> child_from_cam;
-  if (!is_gps) {
-    const std::string& child = positions_.begin()->second.child;
-    const std::string& camera = cameras_.front().frame_id;
-    child_from_cam = frames_.Between(child, camera);
-    if (!child_from_cam) {
-      context_.Warning("/tf_static does not connect the frame '" + child +
-                       "' of the positions with the frame '" + camera +
-                       "' of the first camera; the positions are those of '" +
-                       child + "'");
-    }
-  }
-  for (const auto& [time_ns, pose] : positions_) {
-    const Rigid3 world_from_cam =
-        pose.world_from_child * child_from_cam.value_or(Rigid3());
-    const Eigen::Vector3d& t = world_from_cam.translation;
-    const Eigen::Quaterniond& q = world_from_cam.rotation;
-    lines += TimeText(time_ns);
-    for (const double value : {t.x(), t.y(), t.z()}) {
-      lines += ' ' + FormatDouble(value, std::chars_format::fixed, 9);
-    }
-    for (const double value : {q.x(), q.y(), q.z(), q.w()}) {
-      lines += ' ' + FormatDouble(value, std::chars_format::general, 17);
-    }
-    lines += '\n';
-  }
-  return lines;
-}
-
 RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
   RecordingImportSummary summary;
   ReadMessages();
   for (size_t c = 0; c < cameras_.size(); ++c) SetTimes(c);
+  priors_.Finish(cameras_.front(), frames_);
   SelectImages();
   ContinueOrBegin(output_path, Settings(), "recording_import.json");
   WriteImages(output_path / "images", &summary);
@@ -497,16 +413,29 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
     return images.times_ns == images_.front().times_ns;
   });
   if (!has_same_times) summary.max_time_difference_s = MaxDifferenceSeconds();
-  if (const auto rig =
-          MakeRecordedRig(cameras_, frames_, recording_.topics(), context_)) {
-    summary.rig_config_path = output_path / "rig_config.json";
-    ReplaceFile(summary.rig_config_path, RigConfigsToJson({*rig}));
+  // A file of an earlier run with other options does not remain.
+  const auto write = [&](const char* name, const std::string& text) {
+    const fs::path path = output_path / name;
+    if (!text.empty()) {
+      ReplaceFile(path, text);
+      return path;
+    }
+    fs::remove(path);
+    return fs::path();
+  };
+  const auto rig =
+      MakeRecordedRig(cameras_, frames_, recording_.topics(), context_);
+  const RecordedCamera& first = cameras_.front();
+  if (rig) {
+    summary.rig_config_path =
+        write("rig_config.json", RigConfigsToJson({*rig}));
   }
-  if (!positions_.empty()) {
-    summary.positions_path = output_path / "positions.txt";
-    summary.positions_are_gps = PositionsAreGps();
-    ReplaceFile(summary.positions_path, PositionLines());
-  }
+  summary.positions_path =
+      write("positions.txt", priors_.PositionLines(first, frames_));
+  summary.positions_are_gps = priors_.PositionsAreGps();
+  summary.gravity_path =
+      write("gravity.txt",
+            priors_.GravityLines(first, frames_, images_.front().times_ns));
   return summary;
 }
 

@@ -23,6 +23,14 @@ struct EnumTable<RecordingSampling> {
       {"all", RecordingSampling::kAll}};
 };
 
+enum class GravityAxes { kCamera, kImu };
+
+template <>
+struct EnumTable<GravityAxes> {
+  static constexpr std::pair<std::string_view, GravityAxes> kNames[] = {
+      {"camera", GravityAxes::kCamera}, {"imu", GravityAxes::kImu}};
+};
+
 struct RecordingImportOptions {
   Option<std::string> image_topics{
       "image_topics", "",
@@ -47,9 +55,29 @@ struct RecordingImportOptions {
       "half of the time between two images of a camera."};
   Option<std::string> position_topic{
       "position_topic", "auto",
-      "Import the positions of this topic of NavSatFix or Odometry messages. "
-      "auto: the only topic of NavSatFix, or else of Odometry. none: no "
+      "Import the positions of this topic of NavSatFix, Odometry or TFMessage "
+      "(/tf). auto: the only topic of NavSatFix, or else of Odometry. none: no "
       "positions."};
+  Option<std::string> body_frame{
+      "body_frame", "auto",
+      "Take the positions of /tf at this frame. auto: the topmost frame that "
+      "/tf_static connects with the first camera."};
+  Option<std::string> world_frame{
+      "world_frame", "auto",
+      "Take the positions of /tf in this frame, such as map or odom. auto: the "
+      "topmost frame above body_frame."};
+  Option<std::string> imu_topic{
+      "imu_topic", "auto",
+      "Import gravity by this topic of Imu messages: by their orientation, or "
+      "else by the mean acceleration. auto: the only topic. none: no gravity."};
+  Option<double> gravity_window_s{
+      "gravity_window_s", 10.0, Between(0.01, 1000.0), "s",
+      "Take the mean acceleration over this time for gravity. Increase it for "
+      "vehicles, decrease it for a turning IMU without a gyroscope."};
+  Option<GravityAxes> gravity_axes{
+      "gravity_axes", GravityAxes::kCamera,
+      "Write gravity in the axes of the first camera, by /tf_static, or of the "
+      "IMU, for a mapper with body_calibration."};
   Option<VideoImageFormat> image_format{
       "image_format", VideoImageFormat::kPng,
       "Write images as jpg or png. Compressed images are copied as they are."};
@@ -59,7 +87,8 @@ struct RecordingImportOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(image_topics, sampling, min_motion, rate, max_time_difference_s,
-          position_topic, image_format, jpeg_quality);
+          position_topic, body_frame, world_frame, imu_topic, gravity_window_s,
+          gravity_axes, image_format, jpeg_quality);
   }
 };
 
@@ -73,6 +102,7 @@ struct RecordingImportSummary {
   std::filesystem::path rig_config_path;
   std::filesystem::path positions_path;
   bool positions_are_gps = false;
+  std::filesystem::path gravity_path;
   double seconds = 0.0;
 };
 
@@ -87,9 +117,11 @@ struct RecordingImportSummary {
 //
 // output_path/rig_config.json has the intrinsics of CameraInfo and the poses of
 // /tf_static, positions.txt the positions in TUM's format: of the antenna in
-// degrees and meters (NavSatFix), or poses of the first camera (Odometry).
+// degrees and meters (NavSatFix), or poses of the first camera (Odometry, /tf).
+// gravity.txt has lines "SECONDS GX GY GZ" at the times of the first camera.
 //
-// A run with the same recording and settings continues an interrupted run.
+// A run with the same recording and settings of images continues an interrupted
+// run.
 // Throws Error, naming file, topic and remedy, if a file is damaged from its
 // beginning, and if a topic or encoding cannot be read. Damaged chunks and
 // messages, and a missing end, lose images with a warning.

@@ -84,17 +84,30 @@ class MessageReader {
     if (!frame.empty() && frame.front() == '/') frame.erase(0, 1);
     return frame;
   }
-  // Position, and a quaternion in the order x, y, z, w.
-  Rigid3 TakePose() {
+  // Position, and a quaternion in the order x, y, z, w; nullopt if they are not
+  // finite or no rotation.
+  std::optional<Rigid3> TakePose() {
     std::array<double, 7> v{};
     TakeAll(&v);
     const Eigen::Quaterniond rotation(v[6], v[3], v[4], v[5]);
     const bool is_valid =
         AllOf(v, [](double value) { return std::isfinite(value); }) &&
         std::abs(rotation.norm() - 1.0) < 0.1;
-    if (!is_valid)
-      throw BytesError("has a pose that is not finite or no rotation");
-    return {rotation.normalized(), {v[0], v[1], v[2]}};
+    if (!is_valid) return std::nullopt;
+    return Rigid3{rotation.normalized(), {v[0], v[1], v[2]}};
+  }
+  // Numbers and their covariance, which begins with -1 for no measurement.
+  template <size_t kSize>
+  std::optional<Eigen::Matrix<double, kSize, 1>> TakeMeasured() {
+    // In m/s^2 and rad/s, far more than a sensor on a camera measures.
+    constexpr double kMaxNorm = 1000.0;
+    Eigen::Matrix<double, kSize, 1> values;
+    std::array<double, 9> covariance{};
+    for (double& value : values) value = Take<double>();
+    TakeAll(&covariance);
+    const bool is_measured =
+        covariance[0] != -1.0 && values.allFinite() && values.norm() < kMaxNorm;
+    return is_measured ? std::make_optional(values) : std::nullopt;
   }
 
  private:
@@ -158,9 +171,13 @@ std::vector<TransformMessage> ReadTransformMessages(
   const auto size = reader.Take<uint32_t>();
   for (uint32_t i = 0; i < size; ++i) {
     TransformMessage transform;
-    transform.parent = reader.TakeHeader().frame_id;
+    MessageHeader header = reader.TakeHeader();
+    transform.stamp_ns = header.stamp_ns;
+    transform.parent = std::move(header.frame_id);
     transform.child = reader.TakeFrame();
-    transform.parent_from_child = reader.TakePose();
+    const auto pose = reader.TakePose();
+    if (!pose) continue;
+    transform.parent_from_child = *pose;
     transforms.push_back(std::move(transform));
   }
   return transforms;
@@ -180,13 +197,31 @@ PoseMessage ReadNavSatFixMessage(std::string_view message,
   return pose;
 }
 
+ImuMessage ReadImuMessage(std::string_view message,
+                          const std::string& encoding) {
+  MessageReader reader(message, encoding);
+  ImuMessage imu;
+  imu.stamp_ns = reader.TakeHeader().stamp_ns;
+  const auto xyzw = reader.TakeMeasured<4>();
+  if (xyzw && std::abs(xyzw->norm() - 1.0) < 0.1) {
+    imu.world_from_imu = Eigen::Quaterniond(xyzw->normalized());
+  }
+  imu.angular_velocity = reader.TakeMeasured<3>();
+  imu.acceleration = reader.TakeMeasured<3>();
+  return imu;
+}
+
 PoseMessage ReadOdometryMessage(std::string_view message,
                                 const std::string& encoding) {
   MessageReader reader(message, encoding);
   PoseMessage pose;
   pose.header = reader.TakeHeader();
   pose.child = reader.TakeFrame();
-  pose.world_from_child = reader.TakePose();
+  const auto world_from_child = reader.TakePose();
+  if (!world_from_child) {
+    throw BytesError("has a pose that is not finite or no rotation");
+  }
+  pose.world_from_child = *world_from_child;
   return pose;
 }
 

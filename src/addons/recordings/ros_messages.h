@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -51,6 +52,7 @@ struct TransformMessage {
   std::string parent;
   std::string child;
   Rigid3 parent_from_child;
+  int64_t stamp_ns = 0;  // 0: not set
 };
 
 // A position with a time, as coordinates (Odometry) or as latitude, longitude
@@ -60,6 +62,15 @@ struct PoseMessage {
   std::string child;  // the frame that has the pose
   Rigid3 world_from_child;
   bool is_valid = true;  // false: no fix
+};
+
+// What the sensor does not measure, or not as numbers that sensors reach, is
+// nullopt.
+struct ImuMessage {
+  int64_t stamp_ns = 0;  // 0: not set
+  std::optional<Eigen::Quaterniond> world_from_imu;
+  std::optional<Eigen::Vector3d> angular_velocity;  // rad/s
+  std::optional<Eigen::Vector3d> acceleration;      // m/s^2; upward at rest
 };
 
 // All functions throw BytesError for malformed messages. `encoding` is "ros1"
@@ -73,11 +84,14 @@ CompressedImageMessage ReadCompressedImageMessage(std::string_view message,
                                                   const std::string& encoding);
 CameraInfoMessage ReadCameraInfoMessage(std::string_view message,
                                         const std::string& encoding);
+// Without transforms that are not finite or no rotation.
 std::vector<TransformMessage> ReadTransformMessages(
     std::string_view message, const std::string& encoding);
 PoseMessage ReadNavSatFixMessage(std::string_view message,
                                  const std::string& encoding);
 PoseMessage ReadOdometryMessage(std::string_view message,
                                 const std::string& encoding);
+ImuMessage ReadImuMessage(std::string_view message,
+                          const std::string& encoding);
 
 }  // namespace mgsfm

@@ -262,6 +262,10 @@ std::optional<LeverOffset> LeverOf(const std::optional<Estimate>& estimate,
     if (!estimate->IsSignificant(k)) continue;
     lever.offset += estimate->values[k] * basis.col(k).tail<3>();
   }
+  if (!lever.IsSignificant()) {
+    lever.sigma = estimate->sigmas.tail(basis.cols() - first).maxCoeff();
+    return lever;
+  }
   const Vector3d direction = lever.offset.normalized();
   for (Eigen::Index k = first; k < basis.cols(); ++k) {
     const double share = direction.dot(basis.col(k).tail<3>());

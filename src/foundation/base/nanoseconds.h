@@ -8,4 +8,8 @@ namespace mgsfm {
 
 constexpr int64_t kNsPerSecond = std::nano::den;
 
+constexpr double Seconds(int64_t time_ns) {
+  return static_cast<double>(time_ns) / kNsPerSecond;
+}
+
 }  // namespace mgsfm

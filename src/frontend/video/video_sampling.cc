@@ -30,8 +30,7 @@ namespace fs = std::filesystem;
 constexpr int kAnalysisSizePx = 640;
 
 std::string SecondsText(int64_t time_ns) {
-  return FormatDouble(static_cast<double>(time_ns) / kNsPerSecond,
-                      std::chars_format::fixed, 3);
+  return FormatDouble(Seconds(time_ns), std::chars_format::fixed, 3);
 }
 
 std::string Settings(const std::vector<fs::path>& paths,
@@ -299,8 +298,7 @@ class Extractor {
       for (size_t i = 0; i < plan_.frames.size(); ++i) {
         const auto& time_ns = plan_.frames[i].times_ns[v];
         if (!time_ns || !IsWritten(ImagePath(i, v))) continue;
-        const double time_s =
-            static_cast<double>(*time_ns + plan_.offsets_ns[v]) / kNsPerSecond;
+        const double time_s = Seconds(*time_ns + plan_.offsets_ns[v]);
         lines += ImageName(i, v) + ' ' +
                  FormatDouble(time_s, std::chars_format::fixed, 6) + '\n';
       }

@@ -121,24 +121,26 @@ void ForgetCommonPlace(std::vector<CalibratedCamera>* cameras) {
 
 }  // namespace
 
-std::vector<CalibratedCamera> ReadCalibration(const std::string& paths) {
-  std::vector<fs::path> files;
+std::vector<fs::path> CalibrationFiles(const std::string& paths) {
   std::error_code ignored;  // a list of files is too long for a name
-  const bool is_folder = fs::is_directory(paths, ignored);
-  if (is_folder) {
-    files = FilesIn(paths, true);
-  } else if (fs::exists(paths, ignored) ||
-             paths.find(',') == std::string::npos) {
-    files = {paths};
-  } else {
-    for (size_t begin = 0; begin <= paths.size();) {
-      const size_t end = std::min(paths.find(',', begin), paths.size());
-      files.emplace_back(paths.substr(begin, end - begin));
-      begin = end + 1;
-    }
+  if (fs::is_directory(paths, ignored)) return FilesIn(paths, true);
+  if (fs::exists(paths, ignored) || paths.find(',') == std::string::npos) {
+    return {paths};
   }
+  std::vector<fs::path> files;
+  for (size_t begin = 0; begin <= paths.size();) {
+    const size_t end = std::min(paths.find(',', begin), paths.size());
+    files.emplace_back(paths.substr(begin, end - begin));
+    begin = end + 1;
+  }
+  return files;
+}
+
+std::vector<CalibratedCamera> ReadCalibration(const std::string& paths) {
+  std::error_code ignored;
+  const bool is_folder = fs::is_directory(paths, ignored);
   std::vector<CalibratedCamera> cameras;
-  for (const fs::path& file : files) {
+  for (const fs::path& file : CalibrationFiles(paths)) {
     const auto found = ReadFormat(file);
     if (!found && !is_folder) {
       throw Error("'" + file.string() +

@@ -46,12 +46,15 @@ struct CalibratedCamera {
 //   nuScenes         calibrated_sensor.json with sensor.json, or one object per
 //                    camera
 //   Argoverse        vehicle_calibration_info.json
-//   OpenSfM          rig_cameras.json with camera_models.json
+//   OpenSfM          rig_cameras.json with camera_models.json (frames of
+//                    rig_assignments.json: calibration_rigs.h)
 //   kapture          sensors.txt with rigs.txt
 // `paths` is a file, several files separated by commas, or a folder, whose
 // calibrations are read together with those one level below. Throws Error,
 // naming file, line and remedy, if a file is malformed or there is no camera.
 std::vector<CalibratedCamera> ReadCalibration(const std::string& paths);
+// The files that it reads.
+std::vector<std::filesystem::path> CalibrationFiles(const std::string& paths);
 
 // The cameras of a file; nullopt if it has another format.
 using FoundCameras = std::optional<std::vector<CalibratedCamera>>;

@@ -19,6 +19,8 @@
 namespace mgsfm {
 namespace {
 
+namespace fs = std::filesystem;
+
 // Cameras with a common trigger agree within this difference.
 constexpr double kMaxTriggerDifference_s = 1e-3;
 
@@ -86,6 +88,8 @@ class CameraMatcher {
   bool HasMatches() const {
     return AnyOf(camera_of_image_, [](int camera) { return camera >= 0; });
   }
+  // -1 for none.
+  int CameraOf(size_t image) const { return camera_of_image_[image]; }
   const std::vector<const Prefix*>& PrefixesOf(size_t camera) const {
     return prefixes_of_camera_[camera];
   }
@@ -170,14 +174,16 @@ std::vector<double> ScaledParams(const CalibratedCamera& camera,
   return params;
 }
 
+void CheckHasModel(const CalibratedCamera& camera, const std::string& images) {
+  if (camera.why_no_model.empty()) return;
+  throw Error(camera.place + ": camera '" + camera.names.front() +
+              "' of the images in '" + images + "' " + camera.why_no_model);
+}
+
 RigConfigCamera MakeConfig(const RigInput& input,
                            const CalibratedCamera& camera,
                            const Prefix& prefix) {
-  if (!camera.why_no_model.empty()) {
-    throw Error(camera.place + ": camera '" + camera.names.front() +
-                "' of the images in '" + prefix.text + "' " +
-                camera.why_no_model);
-  }
+  CheckHasModel(camera, prefix.text);
   RigConfigCamera config;
   config.image_prefix = prefix.text;
   if (!camera.model) return config;
@@ -286,7 +292,114 @@ bool IsRigConfig(const std::string& path) {
   return !items.empty() && items.front().second.Has("cameras");
 }
 
+// An image of an instance of OpenSfM.
+struct InstanceImage {
+  int camera = -1;    // -1: none
+  std::string frame;  // its first image
+};
+
+// By name. Instances are arrays of pairs [image, rig camera], in an object or
+// an array, and become frames called like their first image.
+std::map<std::string, InstanceImage> ReadInstances(
+    const fs::path& path, const std::vector<CalibratedCamera>& cameras) {
+  std::map<std::string, int> camera_of_name;
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    camera_of_name[cameras[c].names.front()] = static_cast<int>(c);
+  }
+  std::map<std::string, InstanceImage> images;
+  const YamlValue file(path.string(), ReadFile(path));
+  for (const auto& [id, instance] : file.Items()) {
+    std::string frame;
+    for (const auto& [key, pair] : instance.Items()) {
+      const auto texts = pair.Items();
+      if (texts.size() != 2) pair.Throw("is no pair [image, rig camera]");
+      const std::string name = texts[0].second.Text();
+      const auto camera = camera_of_name.find(texts[1].second.Text());
+      if (camera == camera_of_name.end()) {
+        texts[1].second.Throw(
+            "is no camera of rig_cameras.json; correct one of the files");
+      }
+      if (frame.empty()) frame = name;
+      if (!images.emplace(name, InstanceImage{camera->second, frame}).second) {
+        texts[0].second.Throw("is in two instances; delete one of them");
+      }
+    }
+  }
+  return images;
+}
+
+// A sensor with the pose relative to the base, and with the intrinsics.
+RigAssignment::Sensor MakeSensor(const CalibratedCamera& camera,
+                                 const RigInput& input, size_t image) {
+  CheckHasModel(camera, input.contents.images[image].name);
+  RigAssignment::Sensor sensor;
+  sensor.name = camera.names.front();
+  sensor.sensor_from_rig = camera.cam_from_base;
+  if (!camera.model) return sensor;
+  sensor.camera_model = camera.model;
+  sensor.camera_params =
+      ScaledParams(camera, input.CameraOf(static_cast<int>(image)));
+  return sensor;
+}
+
 }  // namespace
+
+std::optional<RigAssignment> AssignByInstances(const RigInput& input,
+                                               const std::string& path,
+                                               const Context& context) {
+  std::vector<fs::path> files = CalibrationFiles(path);
+  EraseIf(&files, [](const fs::path& file) {
+    return file.filename() != "rig_cameras.json" ||
+           !fs::exists(file.parent_path() / "rig_assignments.json");
+  });
+  if (files.size() != 1) return std::nullopt;
+  const fs::path file = files[0].parent_path() / "rig_assignments.json";
+  const auto cameras = ReadCalibration(files[0]);
+  const auto listed = ReadInstances(file, cameras);
+  const auto num_listed = CountIf(
+      input.contents.images,
+      [&](const ImageRow& image) { return listed.count(image.name) > 0; });
+  if (num_listed == 0) {
+    context.Warning("'" + file.string() +
+                    "' names none of the images and is not used; give names "
+                    "relative to image_path");
+    return std::nullopt;
+  }
+  const size_t num_images = input.contents.images.size();
+  context.Info("frames of " + std::to_string(num_listed) + " of " +
+               std::to_string(num_images) + " images by '" + file.string() +
+               "'; others are single");
+  CameraMatcher matcher(input, cameras);
+  if (static_cast<size_t>(num_listed) < num_images) matcher.Match();
+  RigAssignment assignment;
+  assignment.source = "'" + file.string() + "'";
+  assignment.rig_ids.resize(1);
+  assignment.sensor_of_image.resize(num_images);
+  assignment.frame_of_image.resize(num_images);
+  Numbering<int> sensors;
+  Numbering<> frames;
+  std::vector<int> single_images;
+  for (size_t i = 0; i < num_images; ++i) {
+    const std::string& name = input.contents.images[i].name;
+    const auto found = listed.find(name);
+    const auto [camera, frame] = found == listed.end()
+                                     ? InstanceImage{matcher.CameraOf(i), name}
+                                     : found->second;
+    if (camera < 0) {
+      single_images.push_back(static_cast<int>(i));
+      continue;
+    }
+    assignment.sensor_of_image[i] = sensors(camera);
+    if (sensors.size() > assignment.sensors.size()) {
+      assignment.sensors.push_back(MakeSensor(cameras[camera], input, i));
+    }
+    assignment.frame_of_image[i] = frames(frame);
+    assignment.frames.resize(frames.size());
+    assignment.frames[frames(frame)].name = WithoutExtension(frame);
+  }
+  AssignSingleImages(input, single_images, &assignment);
+  return assignment;
+}
 
 std::optional<int> NumberAtEnd(const std::string& name) {
   const size_t begin = name.find_last_not_of("0123456789") + 1;

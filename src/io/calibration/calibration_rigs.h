@@ -29,6 +29,16 @@ std::vector<RigConfig> ReadCalibrationRigs(const RigInput& input,
                                            const std::string& paths,
                                            const Context& context);
 
+// The rig of OpenSfM's rig_cameras.json, or of its folder, with the frames of
+// rig_assignments.json beside it; images that it lacks are alone in a frame, of
+// the camera that fits their names as above. nullopt without this file, for
+// another calibration and, with a warning, if it names no image. Throws Error,
+// naming file and line, for malformed pairs, unknown cameras and repeated
+// images.
+std::optional<RigAssignment> AssignByInstances(const RigInput& input,
+                                               const std::string& path,
+                                               const Context& context);
+
 // The number at the end of a name that consists of letters and this number.
 std::optional<int> NumberAtEnd(const std::string& name);
 

@@ -266,6 +266,11 @@ RigAssignment AssignRigs(const RigInput& input,
   const bool is_config = !options.rig_config_path->empty();
   const std::string& path =
       is_config ? options.rig_config_path : options.calibration_path;
+  if (!is_config && times == nullptr) {
+    if (auto assignment = AssignByInstances(input, path, context)) {
+      return *std::move(assignment);
+    }
+  }
   const std::vector<RigConfig> rigs =
       is_config ? ReadRigConfigOrModel(path, context)
                 : ReadCalibrationRigs(input, path, context);
@@ -493,8 +498,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   }
   if (times) {
     for (size_t i = 0; i < times->times_ns.size(); ++i) {
-      result.scene.images[i].timestamp_s =
-          static_cast<double>(times->times_ns[i]) / kNsPerSecond;
+      result.scene.images[i].timestamp_s = Seconds(times->times_ns[i]);
     }
   } else if (!options.image_timestamps_path->empty()) {
     const std::string& path = *options.image_timestamps_path;

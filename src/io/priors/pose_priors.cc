@@ -249,7 +249,7 @@ GravityPriors ReadGravityFile(const Scene& scene,
 }
 
 // From the axes of the inertial sensor.
-void TurnToCameras(const Scene& scene, const Body& body,
+void TurnToCameras(const Scene& scene, const BodyFrame& body,
                    GravityPriors* gravity) {
   for (size_t i = 0; i < gravity->images.size(); ++i) {
     auto& direction = gravity->images[i];

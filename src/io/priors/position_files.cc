@@ -12,20 +12,15 @@
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "base/text_tools.h"
-#include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/models/trajectory_io.h"
+#include "priors/timed_samples.h"
 #include "scene/item_lists.h"
 
 namespace mgsfm {
 namespace {
 
 using Poses = std::vector<std::pair<int, Rigid3>>;
-
-// The largest gap that is interpolated, in median intervals
-// (docs/reference/formats.md).
-constexpr double kMaxGapRatio = 10.0;
 
 // The image of the reference sensor, or else the first image.
 int MainImage(const Scene& scene, const Frame& frame) {
@@ -57,56 +52,6 @@ double TimeOf(const Image& image, const std::string& path) {
   }
   throw Error("'" + path + "' has poses by time, but image '" + image.name +
               "' has no time in its name; set image_timestamps_path");
-}
-
-template <class Sample>
-double MaxGapSeconds(const std::vector<Sample>& samples) {
-  const auto times_s = Transformed(samples, &Sample::timestamp_s);
-  return kMaxGapRatio * MedianDifference(times_s).value_or(0.0);
-}
-
-// A time between two samples, as the share of the second.
-template <class Sample>
-struct Between {
-  const Sample* before;
-  const Sample* after;
-  double share;
-};
-
-// nullopt outside the samples and in their gaps.
-template <class Sample>
-std::optional<Between<Sample>> FindBetween(const std::vector<Sample>& samples,
-                                           double max_gap_s, double time_s) {
-  const auto after = std::lower_bound(
-      samples.begin(), samples.end(), time_s,
-      [](const Sample& sample, double t) { return sample.timestamp_s < t; });
-  if (after == samples.end()) return std::nullopt;
-  if (after->timestamp_s == time_s) return {{&*after, &*after, 0.0}};
-  if (after == samples.begin()) return std::nullopt;
-  const auto before = std::prev(after);
-  const double gap_s = after->timestamp_s - before->timestamp_s;
-  if (gap_s > max_gap_s) return std::nullopt;
-  return {{&*before, &*after, (time_s - before->timestamp_s) / gap_s}};
-}
-
-Rigid3 Interpolate(const Between<TimedPose>& place) {
-  const Rigid3& before = place.before->cam_from_world;
-  const Rigid3& after = place.after->cam_from_world;
-  return Rigid3::FromRotationAndCenter(
-      before.rotation.slerp(place.share, after.rotation),
-      (1.0 - place.share) * before.Center() + place.share * after.Center());
-}
-
-TimedVector Interpolate(const Between<TimedVector>& place) {
-  const TimedVector& before = *place.before;
-  const TimedVector& after = *place.after;
-  TimedVector vector;
-  vector.value = (1.0 - place.share) * before.value + place.share * after.value;
-  if (before.covariance && after.covariance) {
-    vector.covariance = (1.0 - place.share) * *before.covariance +
-                        place.share * *after.covariance;
-  }
-  return vector;
 }
 
 // Calls `use` with each frame, its main image and its place in the samples.

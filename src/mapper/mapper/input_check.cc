@@ -197,7 +197,7 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
   for (const MapperModel& model : result.models) {
     if (!model.IsAtPositions() || !model.translation.is_metric) continue;
     const std::vector<double> scales =
-        LogScales(scene, priors, model.reconstruction);
+        LogScales(scene, model.PositionsOf(priors), model.reconstruction);
     if (scales.size() < static_cast<size_t>(kMinNumPriors)) continue;
     const double center = Median(scales);
     std::vector<double> deviations = Transformed(

@@ -91,30 +91,76 @@ bool IsPlausible(const ModelDeformation& deformation, double extent) {
   return deformation.max_shift <= kMaxShareOfExtent * extent;
 }
 
-// Registers the initial model to the position priors and deforms it toward
-// them. Returns the priors for bundle adjustment: none if the deformation is
-// implausible.
-PositionPriors MoveToPriors(const AdjustmentInput& input,
-                            const Context& context, Reconstruction* initial,
-                            MapperModel* model) {
+// nullopt, with a warning, if the motion does not determine it.
+std::optional<AntennaEstimate> EstimateAntenna(const PositionOffsets& offsets,
+                                               const Context& context) {
+  if (!offsets.lever || offsets.are_alternatives) {
+    context.Warning("estimate_antenna is not possible: the motion does not " +
+                    std::string(offsets.lever
+                                    ? "tell the antenna from the clock of the "
+                                      "positions"
+                                    : "determine where the antenna is") +
+                    "; it stays where it is given; measure it, and set "
+                    "antenna_in_imu of body_calibration");
+    return std::nullopt;
+  }
+  const LeverOffset& lever = *offsets.lever;
+  context.Info(Formatted(
+      "antenna: %.3f +- %.3f from its given place, at [%.3f, %.3f, %.3f] from "
+      "it in its axes",
+      lever.offset.norm(), lever.sigma, lever.offset.x(), lever.offset.y(),
+      lever.offset.z()));
+  return AntennaEstimate{lever.offset, lever.sigma};
+}
+
+PositionRegistration RegisterModel(const AdjustmentInput& input,
+                                   const PositionPriors& positions,
+                                   const Context& context,
+                                   Reconstruction* initial) {
   std::optional<Eigen::Vector3d> up =
       GravityInWorld(input.scene, input.gravity, *initial);
   if (up) up = -*up;
+  return RegisterToPriors(input.scene, positions,
+                          {up, input.is_metric, context.random_seed}, initial);
+}
+
+// Registers the initial model to the position priors, those of the estimated
+// antenna if the options request it, and deforms it toward them. Returns the
+// priors for bundle adjustment: none if the deformation is implausible.
+PositionPriors MoveToPriors(const AdjustmentInput& input,
+                            const MapperOptions& options,
+                            const Context& context, Reconstruction* initial,
+                            MapperModel* model) {
   const Reconstruction unregistered = *initial;
   PositionRegistration registration =
-      RegisterToPriors(input.scene, input.positions,
-                       {up, input.is_metric, context.random_seed}, initial);
+      RegisterModel(input, input.positions, context, initial);
+  if (options.estimate_antenna && registration.summary.is_registered) {
+    const auto offsets = EstimatePositionOffsets(input.scene, input.positions,
+                                                 *initial, input.is_metric);
+    if (const auto antenna = EstimateAntenna(offsets, context)) {
+      registration = RegisterModel(input, antenna->Move(input.positions),
+                                   context, initial);
+      registration.summary.antenna = antenna;
+    }
+  }
   model->position_priors = std::move(registration.summary);
   PositionPriorSummary& summary = *model->position_priors;
-  if (!summary.is_registered) return std::move(registration.used);
+  const auto ignore = [&] {
+    summary.is_registered = false;
+    summary.antenna.reset();
+    *initial = unregistered;
+    return PositionPriors();
+  };
+  if (!summary.is_registered) return ignore();
+  const PositionPriors positions = model->PositionsOf(input.positions);
   // Deformation and adjustment would hide offsets.
-  const std::string offsets = DescribeOffsets(EstimatePositionOffsets(
-      input.scene, input.positions, *initial, input.is_metric));
-  if (!offsets.empty()) context.Warning(offsets);
+  const std::string text = DescribeOffsets(EstimatePositionOffsets(
+      input.scene, positions, *initial, input.is_metric));
+  if (!text.empty()) context.Warning(text);
   const double extent = ExtentOf(*initial);
   summary.deformation =
       DeformToPriors({input.scene, input.view_graph, input.pair_is_used,
-                      input.positions, input.is_metric},
+                      positions, input.is_metric},
                      context, &registration.used, initial);
   if (!summary.deformation || IsPlausible(*summary.deformation, extent)) {
     return std::move(registration.used);
@@ -123,9 +169,7 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
       "the positions would deform the model by %.4g, but its extent "
       "is only %.4g; they are ignored",
       summary.deformation->max_shift, extent);
-  summary.is_registered = false;
-  *initial = unregistered;
-  return {};
+  return ignore();
 }
 
 void JudgeFocalLengths(const AdjustmentInput& input,
@@ -455,6 +499,11 @@ void EstimateSoftRigOfModel(const AdjustmentInput& input, BundlePriors priors,
 
 }  // namespace
 
+PositionPriors MapperModel::PositionsOf(PositionPriors positions) const {
+  if (!position_priors || !position_priors->antenna) return positions;
+  return position_priors->antenna->Move(std::move(positions));
+}
+
 void CheckTimes(const Scene& scene, SoftRig method) {
   if (method == SoftRig::kAuto || method == SoftRig::kNone ||
       method == SoftRig::kSoft) {
@@ -472,7 +521,7 @@ void UsePriors(const AdjustmentInput& input, const MapperOptions& options,
                const Context& context, Reconstruction* initial,
                BundlePriors* used, MapperModel* model) {
   if (!input.positions.IsEmpty()) {
-    used->positions = MoveToPriors(input, context, initial, model);
+    used->positions = MoveToPriors(input, options, context, initial, model);
   }
   if (const auto gravity = EstimateGravity(
           input.scene, input.gravity,
@@ -486,8 +535,9 @@ void PlaceModelInWorld(const AdjustmentInput& input, const BundlePriors& used,
                        const MapperOptions& options, const Context& context,
                        MapperModel* model) {
   if (model->position_priors) {
-    EvaluatePositions(input.scene, input.positions, used.positions,
-                      model->reconstruction, &*model->position_priors);
+    EvaluatePositions(input.scene, model->PositionsOf(input.positions),
+                      used.positions, model->reconstruction,
+                      &*model->position_priors);
     LogPriors(*model->position_priors, context);
   }
   JudgeFocalLengths(input, used, options, context, model);
@@ -524,9 +574,10 @@ void PassOn(const MapperModel& model, const PositionPriors& positions,
             const MapperOptions& options, const Context& context,
             SharedCalibration* calibration) {
   if (!model.rig_differences.empty()) return;
-  calibration->Learn(model.reconstruction,
-                     model.IsAtPositions() ? positions : PositionPriors(),
-                     model.delays, options.bundle_adjustment, context);
+  calibration->Learn(
+      model.reconstruction,
+      model.IsAtPositions() ? model.PositionsOf(positions) : PositionPriors(),
+      model.delays, options.bundle_adjustment, context);
 }
 
 Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,

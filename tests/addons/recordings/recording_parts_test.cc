@@ -8,7 +8,6 @@
 
 #include "mgsfm/base/error.h"
 #include "recordings/decompression.h"
-#include "recordings/recording_cameras.h"
 #include "support/error_of.h"
 
 namespace mgsfm {
@@ -61,31 +60,6 @@ TEST(DecompressionTest, UnknownNamesAreRefused) {
   EXPECT_THAT(ErrorOf([] { CheckCompression("brotli", "'a.bag'"); }),
               testing::AllOf(testing::HasSubstr("a.bag"),
                              testing::HasSubstr("brotli")));
-}
-
-Rigid3 Shift(double x) { return {Eigen::Quaterniond::Identity(), {x, 0, 0}}; }
-
-TEST(StaticFramesTest, FramesAreConnectedByTheirTree) {
-  StaticFrames frames;
-  frames.Add({"base", "mount", Shift(1.0)});
-  frames.Add({"mount", "left", Shift(0.5)});
-  frames.Add({"base", "right", Shift(-2.0)});
-  const auto left_from_right = frames.Between("left", "right");
-  ASSERT_TRUE(left_from_right.has_value());
-  EXPECT_DOUBLE_EQ(left_from_right->translation.x(), -3.5);
-  EXPECT_FALSE(frames.Between("left", "other").has_value());
-  // A later transform replaces the earlier one.
-  frames.Add({"base", "right", Shift(4.0)});
-  EXPECT_DOUBLE_EQ(frames.Between("left", "right")->translation.x(), 2.5);
-}
-
-TEST(StaticFramesTest, CyclesEnd) {
-  StaticFrames frames;
-  frames.Add({"a", "b", Shift(1.0)});
-  frames.Add({"b", "a", Shift(1.0)});
-  frames.Add({"c", "c", Shift(1.0)});
-  EXPECT_FALSE(frames.Between("a", "other").has_value());
-  (void)frames.Between("a", "b");
 }
 
 }  // namespace
