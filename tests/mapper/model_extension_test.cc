@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
-#include "mapper/model_adjustment.h"
+#include "mapper/model_world.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/models/scene_loading.h"

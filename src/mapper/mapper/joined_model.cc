@@ -13,6 +13,7 @@
 #include "mapper/input_check.h"
 #include "mapper/model_adjustment.h"
 #include "mapper/model_extension.h"
+#include "mapper/model_world.h"
 #include "mapper/stage.h"
 #include "mapper/weak_seams.h"
 #include "mgsfm/bundle_adjustment/uncertainty.h"

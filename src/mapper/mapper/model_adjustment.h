@@ -62,29 +62,10 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model);
 
-// Its steps before and after bundle adjustment, for models that are adjusted in
-// another way. The first one moves the model to the measured positions, and
-// adds the positions and directions of gravity to those that bundle adjustment
-// uses. The second one states how well they agree, checks the focal lengths,
-// and moves the model to its final world.
-void UsePriors(const AdjustmentInput& input, const MapperOptions& options,
-               const Context& context, Reconstruction* initial,
-               BundlePriors* used, MapperModel* model);
-void PlaceModelInWorld(const AdjustmentInput& input, const BundlePriors& used,
-                       const MapperOptions& options, const Context& context,
-                       MapperModel* model);
-
 // Passes the calibration of an adjusted model on to the next ones, unless the
 // model contradicts the rig of an earlier one.
 void PassOn(const MapperModel& model, const PositionPriors& positions,
             const MapperOptions& options, const Context& context,
             SharedCalibration* calibration);
-
-// old_from_new, aligned by the images of both models: the rotation is the mean
-// of their relative rotations, scale and translation minimize the squared
-// distances of their centers. The scale is 1 if `is_metric` or if all centers
-// coincide.
-Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
-                  const Reconstruction& new_model, bool is_metric);
 
 }  // namespace mgsfm

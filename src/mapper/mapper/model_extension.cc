@@ -8,6 +8,7 @@
 
 #include "mapper/components.h"
 #include "mapper/model_adjustment.h"
+#include "mapper/model_world.h"
 #include "mapper/pair_judgement.h"
 #include "mapper/stage.h"
 #include "mgsfm/base/error.h"
