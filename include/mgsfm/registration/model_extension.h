@@ -84,7 +84,7 @@ struct ResectionResult {
 // Model extension adds the frames of a scene that an existing model lacks.
 //
 // 1. Only pairs with an image that the model lacks are verified and judged, as
-//    in incremental mapping, and a spanning forest of the others, which gives
+//    in incremental mapping, and two spanning forests of the others, which give
 //    the rules the relative placement of the frames of the model. The points of
 //    the model stand for the matches that made them: tracks of the new pairs
 //    are joined with the points that share a keypoint (JoinPoints()). Models

@@ -26,10 +26,15 @@ bool HasLoops(const FramePairIndex& index, const PairVerdicts& verdicts) {
   return false;
 }
 
-// A maximum spanning forest of the pairs of the model, weighted by matches.
+// Positions by a single forest drift: on the simulated drive 00, they
+// contradict right loops, and the error of an extension is 0.098 instead of
+// 0.062 m. With two to five forests, and with all pairs, it is 0.062 m.
+constexpr int kNumForests = 2;
+
+// Maximum spanning forests of the pairs of the model, weighted by matches.
 // Loops come last: the rules know the parts of a sequence by its neighbors.
-Mask SelectForest(const std::vector<MatchedImages>& of_model,
-                  const MapperRunInput& run) {
+Mask SelectForests(const std::vector<MatchedImages>& of_model,
+                   const MapperRunInput& run) {
   const FramePairIndex index(run.scene, of_model,
                              run.options.pair_filtering.is_sequence);
   std::vector<size_t> order(of_model.size());
@@ -37,11 +42,15 @@ Mask SelectForest(const std::vector<MatchedImages>& of_model,
   StableSortDescendingBy(&order, [&](size_t i) {
     return std::pair(!index.IsLoop(index.Of(i)), of_model[i].num_matches);
   });
-  UnionFind connected(run.scene.images.size());
+  std::vector<UnionFind> forests(kNumForests,
+                                 UnionFind(run.scene.images.size()));
   Mask is_selected(of_model.size());
   for (const size_t i : order) {
     is_selected[i] =
-        connected.Union(of_model[i].image_idx1, of_model[i].image_idx2);
+        std::any_of(forests.begin(), forests.end(), [&](UnionFind& connected) {
+          return connected.Union(of_model[i].image_idx1,
+                                 of_model[i].image_idx2);
+        });
   }
   return is_selected;
 }
@@ -124,7 +133,7 @@ std::optional<PairsOfExtension> SelectPairsOfExtension(
     selected.of_model.push_back(
         {image_idx1, image_idx2, static_cast<size_t>(num_matches[i])});
   }
-  const Mask is_in_forest = SelectForest(selected.of_model, run);
+  const Mask is_in_forest = SelectForests(selected.of_model, run);
   for (size_t k = 0; k < pairs_of_model.size(); ++k) {
     if (is_in_forest[k]) is_used[pairs_of_model[k]] = true;
   }

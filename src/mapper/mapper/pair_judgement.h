@@ -33,9 +33,9 @@ struct PairsOfExtension {
   std::vector<MatchedImages> of_model;
 };
 
-// The pairs of images that the existing model has form a spanning forest,
-// neighbors in time and many matches that observe points of the model first.
-// They give the rules the relative placement of the frames of the model.
+// The pairs of images that the existing model has form two disjoint spanning
+// forests, neighbors in time and many matches that observe points of the model
+// first. They give the rules the relative placement of the frames of the model.
 // nullopt if all pairs are needed: there is no model, it has no points, or it
 // has all images. Cost: a pass over all matches.
 [[nodiscard]] std::optional<PairsOfExtension> SelectPairsOfExtension(
