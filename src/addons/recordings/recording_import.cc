@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "base/file_reading.h"
 #include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/nanoseconds.h"
@@ -413,14 +414,17 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
     return images.times_ns == images_.front().times_ns;
   });
   if (!has_same_times) summary.max_time_difference_s = MaxDifferenceSeconds();
-  // A file of an earlier run with other options does not remain.
+  // A file of an earlier run with other options does not remain. All of them
+  // begin with the names of their columns.
   const auto write = [&](const char* name, const std::string& text) {
     const fs::path path = output_path / name;
     if (!text.empty()) {
       ReplaceFile(path, text);
       return path;
     }
-    fs::remove(path);
+    if (fs::exists(path) && ReadFile(path).rfind("# SECONDS ", 0) == 0) {
+      fs::remove(path);
+    }
     return fs::path();
   };
   const auto rig =
