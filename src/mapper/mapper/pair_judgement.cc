@@ -27,8 +27,8 @@ bool HasLoops(const FramePairIndex& index, const PairVerdicts& verdicts) {
 }
 
 // Positions by a single forest drift: on the simulated drive 00, they
-// contradict right loops, and the error of an extension is 0.098 instead of
-// 0.062 m. With two to five forests, and with all pairs, it is 0.062 m.
+// contradict right loops, and an extension is 0.098 m off. With two, three or
+// five forests, it is 0.062 m off.
 constexpr int kNumForests = 2;
 
 // Maximum spanning forests of the pairs of the model, weighted by matches.
