@@ -417,7 +417,7 @@ RecordingImportSummary RecordingImport::Run(const fs::path& output_path) {
   // A file of an earlier run with other options does not remain. All of them
   // begin with the names of their columns.
   const auto write = [&](const char* name, const std::string& text) {
-    const fs::path path = output_path / name;
+    fs::path path = output_path / name;
     if (!text.empty()) {
       ReplaceFile(path, text);
       return path;
