@@ -50,9 +50,11 @@ int FindTopic(const Recording& recording, const std::string& option,
     }
     if (names.size() == 1) return found;
     if (names.empty()) continue;
-    tell("recording " + recording.Name() + " has several topics of " + type +
-         ", " + Joined(names, ", ") + "; set " + option +
-         " to one of them, or to none");
+    tell(Formatted(
+        "recording %s has several topics of %s, %s; set %s to one of them, or "
+        "to none",
+        recording.Name().c_str(), type.c_str(), Joined(names, ", ").c_str(),
+        option.c_str()));
     return -1;
   }
   if (is_automatic) return -1;

@@ -8,6 +8,7 @@
 #include <map>
 
 #include "base/file_reading.h"
+#include "base/format.h"
 #include "base/text_lines.h"
 #include "mgsfm/base/error.h"
 #include "scene/value_check.h"
@@ -58,7 +59,7 @@ Rigid3 PoseOf(const Attributes& origin, const std::string& place) {
       Eigen::AngleAxisd(rpy.z(), Eigen::Vector3d::UnitZ()) *
       Eigen::AngleAxisd(rpy.y(), Eigen::Vector3d::UnitY()) *
       Eigen::AngleAxisd(rpy.x(), Eigen::Vector3d::UnitX()));
-  const Rigid3 pose{rotation, VectorOf(origin, "xyz", place)};
+  Rigid3 pose{rotation, VectorOf(origin, "xyz", place)};
   const auto why = WhyImplausible(pose);
   if (why) throw Error(place + " has an origin that " + *why + "; correct it");
   return pose;
@@ -117,8 +118,10 @@ Urdf ReadUrdf(const std::string& path) {
     if (urdf.fixed.FindParent(urdf.fixed.RootFrom(link).first) == nullptr) {
       continue;
     }
-    throw Error("'" + path + "' has a cycle of fixed joints above the link '" +
-                link + "'; correct their parents");
+    throw Error(Formatted(
+        "'%s' has a cycle of fixed joints above the link '%s'; correct their "
+        "parents",
+        path.c_str(), link.c_str()));
   }
   return urdf;
 }
