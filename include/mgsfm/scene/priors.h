@@ -67,10 +67,10 @@ struct ModelDeformation {
   }
 };
 
-// Where the antenna is, if the motion determines it.
+// The place of the antenna, as the motion of the rig determines it.
 struct AntennaEstimate {
-  // From its given place, in its axes. Zero along directions in which chance
-  // exceeds it in 1 of 10,000 recordings.
+  // The offset from the given place, in the axes of the antenna. It is zero
+  // along directions in which chance exceeds it in 1 of 10,000 recordings.
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   double sigma = 0.0;  // of the length
 

@@ -17,8 +17,9 @@ using Eigen::Vector3d;
 constexpr double kGravity = 9.81;  // m/s^2
 // Other conventions, such as a world with z down, differ by 90 or 180.
 constexpr double kMaxDisagreementDeg = 30.0;
-// A motion that turns means by this angle makes them 15 % longer; without
-// gravity, and over turns that no gyroscope measures, they are much shorter.
+// 1 / cos(30 deg) - 1: a horizontal acceleration that turns means by the angle
+// above makes them longer by this. Without gravity, and over turns that no
+// gyroscope measures, means are much shorter.
 constexpr double kMaxLengthError = 0.15;
 
 // Half of the variance of an angle is that about each of two axes.

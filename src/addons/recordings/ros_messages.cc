@@ -99,7 +99,7 @@ class MessageReader {
   // Numbers and their covariance, which begins with -1 for no measurement.
   template <size_t kSize>
   std::optional<Eigen::Matrix<double, kSize, 1>> TakeMeasured() {
-    // In m/s^2 and rad/s, far more than a sensor on a camera measures.
+    // No sensor on a camera measures nearly as much, in m/s^2 or rad/s.
     constexpr double kMaxNorm = 1000.0;
     Eigen::Matrix<double, kSize, 1> values;
     std::array<double, 9> covariance{};

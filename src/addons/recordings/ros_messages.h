@@ -64,8 +64,8 @@ struct PoseMessage {
   bool is_valid = true;  // false: no fix
 };
 
-// What the sensor does not measure, or not as numbers that sensors reach, is
-// nullopt.
+// A quantity is nullopt if the sensor does not measure it, or if its numbers
+// are beyond those of any sensor.
 struct ImuMessage {
   int64_t stamp_ns = 0;  // 0: not set
   std::optional<Eigen::Quaterniond> world_from_imu;

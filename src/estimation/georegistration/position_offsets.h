@@ -26,7 +26,8 @@ struct LeverOffset {
   // independent directions in which chance exceeds it in 1 of 10,000
   // recordings.
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
-  // Of its length or, if it is zero, the largest one of a direction.
+  // The standard deviation of the length of the offset. If the offset is zero,
+  // the largest one of a direction.
   double sigma = 0.0;
 
   bool IsSignificant() const { return !offset.isZero(0.0); }

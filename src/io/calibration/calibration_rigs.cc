@@ -298,8 +298,9 @@ struct InstanceImage {
   std::string frame;  // its first image
 };
 
-// By name. Instances are arrays of pairs [image, rig camera], in an object or
-// an array, and become frames called like their first image.
+// The images of all instances, by name. Instances are arrays of pairs [image,
+// rig camera], in an object or an array, and become frames called like their
+// first image.
 std::map<std::string, InstanceImage> ReadInstances(
     const fs::path& path, const std::vector<CalibratedCamera>& cameras) {
   std::map<std::string, int> camera_of_name;

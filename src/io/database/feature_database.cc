@@ -106,7 +106,7 @@ class FeatureDatabase::Impl {
     return static_cast<uint32_t>(last.Int(0));
   }
 
-  // What the tables allow.
+  // Whether the tables have these features.
   bool none_is_null = false;
   bool descriptors_have_type = false;
 
