@@ -56,9 +56,9 @@ Mask SelectForests(const std::vector<MatchedImages>& of_model,
 }
 
 // The verified pairs and those of the model, each once.
-std::vector<MatchedImages> AllPairs(const PairsOfExtension& selected,
+std::vector<MatchedImages> AllPairs(std::vector<MatchedImages> of_model,
                                     const ViewGraph& verified) {
-  std::vector<MatchedImages> all = selected.of_model;
+  std::vector<MatchedImages> all = std::move(of_model);
   for (const ImagePair& pair : verified.pairs) {
     all.push_back({pair.image_idx1, pair.image_idx2, pair.matches.size()});
   }
@@ -148,13 +148,12 @@ PairVerdicts JudgePairsOfExtension(const MapperRunInput& run,
                                    VerifiedPairs* pairs,
                                    std::vector<StageTime>* times) {
   const SequenceMode mode = run.options.pair_filtering.is_sequence;
-  FramePairIndex index(run.scene, pairs->view_graph, mode);
-  if (selected) {
-    index = FramePairIndex(
-        run.scene, pairs->view_graph,
-        FramePairIndex(run.scene, AllPairs(*selected, pairs->view_graph),
-                       mode));
-  }
+  const FramePairIndex all(
+      run.scene,
+      AllPairs(selected ? selected->of_model : std::vector<MatchedImages>(),
+               pairs->view_graph),
+      mode);
+  const FramePairIndex index(run.scene, pairs->view_graph, all);
   JudgedPairs judged = JudgePairs(run, index, pairs, times);
   RejectByPositions(run, *pairs, index, &judged, times);
   return std::move(judged.rotations.verdicts);
