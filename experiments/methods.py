@@ -15,7 +15,7 @@ SAME_AS = {"tracks_bilinear": "dmra_mgp", "hybrid_non_bilinear": "mgsfm"}
 AVERAGED = [f"{name}_averaged" for name in ABLATION]
 FIXED_POSES = ["--BundleAdjustment.refine_rig_from_world", "false",
                "--BundleAdjustment.refine_sensor_from_rig", "no"]
-OURS = ["mgsfm", "dmra_mgp", "mma", "single"]
+OURS = ["mgsfm", "dmra_mgp", "mma", "incremental", "single"]
 BUILT_IN = [*OURS, *ABLATION, *AVERAGED]
 
 

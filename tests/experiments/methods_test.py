@@ -8,7 +8,7 @@ from experiments import methods, peers
 def test_groups_of_methods():
     assert methods.choose("paper", ["colmap"]) == [*methods.OURS, "colmap"]
     assert methods.choose("mma,paper", []) == [
-        "mma", "mgsfm", "dmra_mgp", "single"]
+        "mma", "mgsfm", "dmra_mgp", "incremental", "single"]
     assert len(methods.choose("ablation", [])) == 12
     assert set(methods.choose("all", ["glomap"])) == {
         *methods.BUILT_IN, "glomap"}

@@ -36,14 +36,16 @@ namespace mgsfm {
 // between both rays after rotation. Pairs of frames of a known rig get their
 // pose by LO-RANSAC over all pairs of their cameras
 // (geometry/generalized_pose); the others take that of their heaviest image
-// pair. A start needs twice abs_pose_min_num_inliers points. Rotations without
-// translation have none.
+// pair. A start needs twice as many points as a frame
+// needs inliers. Rotations without translation have none.
 //
 // Order. The next frame has the largest spread of visible points: the number of
 // occupied cells of grids of 2, 4, 8 and 16 cells per side, each cell with the
 // weight of its side (Schönberger, Frahm: Structure-from-Motion Revisited, CVPR
 // 2016), over the images of placed sensors. Ties go to the first frame. Only
 // frames with at least 0.8 of the largest number of visible points compete.
+// Neighbors of its frames in a sequence come first: a wrong loop then meets the
+// frames that contradict it. They need fewer inliers than others.
 //
 // A step registers the frame by LO-RANSAC over all of its cameras
 // (geometry/absolute_pose.h), triangulates its tracks, and adjusts the frame
@@ -85,6 +87,8 @@ struct IncrementalInput {
   // Per pair: not rejected by a rule. Pairs of places that look alike must be
   // rejected: growth cannot tell, because it sees no loop before it closes.
   const Mask& pair_is_used;
+  // Per pair: joins neighbors in a sequence.
+  const Mask& pair_is_of_neighbors;
 };
 
 struct IncrementalOptions {

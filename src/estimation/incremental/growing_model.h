@@ -22,6 +22,8 @@ struct GrowthInput : IncrementalInput {
   const Context& context;
   const ObservationGroups& tracks;
   std::vector<std::vector<TrackKeypoint>> keypoints;  // per image
+  // Per frame: its neighbors in a sequence that used pairs join to it.
+  std::vector<std::vector<int>> neighbors;
   FixedPoses held = {};
 
   bool IsHeld(int frame_idx) const {
@@ -52,6 +54,11 @@ class GrowingModel {
   // The median distance of points from the images that observe them, as of the
   // last filtering.
   double median_distance() const { return median_distance_; }
+
+  // Whether a neighbor of the frame is in the model.
+  bool IsBeside(int frame_idx) const;
+  // The fewest points with which the frame may register.
+  int MinNumInliers(int frame_idx) const;
 
   void SetFrame(int frame_idx, const std::optional<Rigid3>& rig_from_world);
   void SetSensor(int sensor_idx, const Rigid3& sensor_from_rig);

@@ -131,26 +131,39 @@ class Growth {
   }
 
   bool CanTry(int frame_idx, int num_visible) const {
-    return num_visible >= input_.options.resection.abs_pose_min_num_inliers &&
+    return num_visible >= model_.MinNumInliers(frame_idx) &&
            num_visible >= kRetryFactor * attempts_[frame_idx].num_visible &&
            attempts_[frame_idx].num_registrations < kMaxNumRegistrations;
   }
 
   std::optional<int> NextFrame() const {
-    int most = 0;
     std::vector<int> num_visible(attempts_.size(), 0);
+    bool is_any_beside = false;
     for (size_t i = 0; i < num_visible.size(); ++i) {
       const int frame_idx = static_cast<int>(i);
       if (frame_is_taken_[i] || model_.HasFrame(frame_idx)) continue;
       const int num = model_.NumVisibleInFrame(frame_idx);
-      if (!CanTry(frame_idx, num)) continue;
+      if (num == 0 || !CanTry(frame_idx, num)) continue;
       num_visible[i] = num;
-      most = std::max(most, num);
+      is_any_beside = is_any_beside || model_.IsBeside(frame_idx);
     }
-    if (most == 0) return std::nullopt;
+    if (is_any_beside) {
+      for (size_t i = 0; i < num_visible.size(); ++i) {
+        if (num_visible[i] > 0 && !model_.IsBeside(static_cast<int>(i))) {
+          num_visible[i] = 0;
+        }
+      }
+    }
+    return WidestOf(num_visible);
+  }
+
+  // The frame of the widest spread among those that see the most; nullopt if
+  // all see nothing.
+  std::optional<int> WidestOf(const std::vector<int>& num_visible) const {
+    const int most = *std::max_element(num_visible.begin(), num_visible.end());
     std::optional<int> next;
     int widest = -1;
-    for (size_t i = 0; i < num_visible.size(); ++i) {
+    for (size_t i = 0; most > 0 && i < num_visible.size(); ++i) {
       if (num_visible[i] < kMinVisibleShare * most) continue;
       const int spread = model_.Spread(static_cast<int>(i));
       if (spread <= widest) continue;
@@ -246,6 +259,21 @@ std::vector<std::vector<TrackKeypoint>> KeypointsOf(
   return keypoints;
 }
 
+std::vector<std::vector<int>> NeighborsOfFrames(const IncrementalInput& input) {
+  std::vector<std::vector<int>> neighbors(input.scene.frames.size());
+  for (size_t i = 0; i < input.view_graph.pairs.size(); ++i) {
+    if (!input.pair_is_used[i] || !input.pair_is_of_neighbors[i]) continue;
+    const ImagePair& pair = input.view_graph.pairs[i];
+    const int a = input.scene.images[pair.image_idx1].frame_idx;
+    const int b = input.scene.images[pair.image_idx2].frame_idx;
+    if (a == b) continue;
+    neighbors[a].push_back(b);
+    neighbors[b].push_back(a);
+  }
+  for (std::vector<int>& of_frame : neighbors) SortUnique(&of_frame);
+  return neighbors;
+}
+
 // Known poses, and the reference sensors.
 std::vector<std::optional<Rigid3>> KnownSensors(const Scene& scene) {
   std::vector<std::optional<Rigid3>> poses =
@@ -272,8 +300,12 @@ IncrementalResult MapIncrementally(
   IncrementalResult result;
   const TrackResult tracks = EstablishGrowthTracks(input, options, context);
   result.summary.tracks = tracks.summary;
-  const GrowthInput growth_input{input, options, context, tracks.estimate,
-                                 KeypointsOf(input.scene, tracks.estimate)};
+  const GrowthInput growth_input{input,
+                                 options,
+                                 context,
+                                 tracks.estimate,
+                                 KeypointsOf(input.scene, tracks.estimate),
+                                 NeighborsOfFrames(input)};
   StartFinder starts(growth_input);
   std::vector<std::optional<Rigid3>> sensors = KnownSensors(input.scene);
   Mask frame_is_taken(input.scene.frames.size());
@@ -313,8 +345,13 @@ IncrementalResult GrowModel(
   const ObservationGroups joined =
       JoinPoints(input.scene, tracks.estimate, start.points,
                  /*with_others=*/true);
-  const GrowthInput growth_input{
-      input, options, context, joined, KeypointsOf(input.scene, joined), held};
+  const GrowthInput growth_input{input,
+                                 options,
+                                 context,
+                                 joined,
+                                 KeypointsOf(input.scene, joined),
+                                 NeighborsOfFrames(input),
+                                 held};
   Reconstruction poses = start;
   poses.sensor_from_rig = KnownSensors(input.scene);
   for (size_t i = 0; i < poses.sensor_from_rig.size(); ++i) {

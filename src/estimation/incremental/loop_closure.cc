@@ -27,11 +27,9 @@ std::vector<CameraPoints> PointsOf(const MatchesOfCameras& matches) {
                      [](const auto& of_camera) { return of_camera.points; });
 }
 
-// The matches whose errors are within the bound, or beyond it.
-MatchesOfCameras Select(const MatchesOfCameras& matches, const Rigid3& pose,
-                        bool is_inlier) {
-  const std::vector<double> errors =
-      AbsolutePoseErrors(PointsOf(matches), pose);
+// The matches for which keep(index among all, track) holds.
+template <class Keep>
+MatchesOfCameras Select(const MatchesOfCameras& matches, const Keep& keep) {
   MatchesOfCameras selected;
   size_t next = 0;
   for (const auto& of_camera : matches) {
@@ -42,7 +40,7 @@ MatchesOfCameras Select(const MatchesOfCameras& matches, const Rigid3& pose,
                         {}};
     GrowingModel::Matches kept{std::move(points), {}};
     for (size_t k = 0; k < of_camera.track_idxs.size(); ++k) {
-      if ((errors[next++] <= 1.0) != is_inlier) continue;
+      if (!keep(next++, of_camera.track_idxs[k])) continue;
       kept.points.rays.push_back(of_camera.points.rays[k]);
       kept.points.points.push_back(of_camera.points.points[k]);
       kept.track_idxs.push_back(of_camera.track_idxs[k]);
@@ -50,6 +48,28 @@ MatchesOfCameras Select(const MatchesOfCameras& matches, const Rigid3& pose,
     selected.push_back(std::move(kept));
   }
   return selected;
+}
+
+// The matches whose errors are within the bound, or beyond it.
+MatchesOfCameras SelectBy(const Rigid3& pose, bool is_inlier,
+                          const MatchesOfCameras& matches) {
+  const std::vector<double> errors =
+      AbsolutePoseErrors(PointsOf(matches), pose);
+  return Select(matches,
+                [&](size_t i, int) { return (errors[i] <= 1.0) == is_inlier; });
+}
+
+// The matches with points that neighbors of the frame observe.
+MatchesOfCameras SelectOfNeighbors(const GrowthInput& input,
+                                   const GrowingModel& model, int frame_idx,
+                                   const MatchesOfCameras& matches) {
+  const std::vector<int>& neighbors = input.neighbors[frame_idx];
+  return Select(matches, [&](size_t, int track_idx) {
+    return AnyOf(model.ObserversOf(track_idx), [&](const Observation& o) {
+      return std::binary_search(neighbors.begin(), neighbors.end(),
+                                input.scene.images[o.image_idx].frame_idx);
+    });
+  });
 }
 
 // The number of observations of the points of matches, per frame.
@@ -90,9 +110,8 @@ std::vector<int> AnchorsOf(const std::vector<int>& counts,
 }
 
 UnitPose Resect(const GrowthInput& input, const MatchesOfCameras& matches,
-                int frame_idx, int stream) {
-  return ResectUnit(PointsOf(matches), input.options.resection,
-                    input.context.random_seed,
+                const ResectionOptions& options, int frame_idx, int stream) {
+  return ResectUnit(PointsOf(matches), options, input.context.random_seed,
                     2 * static_cast<uint64_t>(frame_idx) + stream);
 }
 
@@ -134,18 +153,28 @@ PositionPriors AnchorPositions(const GrowthInput& input,
 
 FrameRegistration RegisterFrame(const GrowthInput& input,
                                 const GrowingModel& model, int frame_idx) {
+  const ResectionOptions& options = input.options.resection;
   const MatchesOfCameras matches = model.MatchesOfFrame(frame_idx);
-  const UnitPose pose = Resect(input, matches, frame_idx, 0);
-  FrameRegistration registration{pose.unit_from_world, pose.num_keypoints,
+  UnitPose pose = Resect(input, matches, options, frame_idx, 0);
+  const int num_keypoints = pose.num_keypoints;
+  if (!pose.unit_from_world && model.IsBeside(frame_idx)) {
+    ResectionOptions of_neighbors = options;
+    of_neighbors.abs_pose_min_num_inliers =
+        options.abs_pose_min_num_neighbor_inliers;
+    pose = Resect(input, SelectOfNeighbors(input, model, frame_idx, matches),
+                  of_neighbors, frame_idx, 0);
+  }
+  FrameRegistration registration{pose.unit_from_world, num_keypoints,
                                  pose.num_inliers, std::nullopt};
   if (!pose.unit_from_world) return registration;
-  const MatchesOfCameras others = Select(matches, *pose.unit_from_world, false);
-  const UnitPose other = Resect(input, others, frame_idx, 1);
+  const MatchesOfCameras others =
+      SelectBy(*pose.unit_from_world, false, matches);
+  const UnitPose other = Resect(input, others, options, frame_idx, 1);
   if (!other.unit_from_world) return registration;
   const std::vector<int> counts = CountObservers(
-      input.scene, model, Select(others, *other.unit_from_world, true));
+      input.scene, model, SelectBy(*other.unit_from_world, true, others));
   const std::vector<int> other_counts = CountObservers(
-      input.scene, model, Select(matches, *pose.unit_from_world, true));
+      input.scene, model, SelectBy(*pose.unit_from_world, true, matches));
   if (!AreDifferentPlaces(counts, other_counts)) return registration;
   registration.loop = {*other.unit_from_world, other.num_inliers,
                        AnchorsOf(counts, other_counts),

@@ -188,9 +188,8 @@ std::unique_ptr<GrowingModel> StartFinder::Try(
     model->SetFrame(candidate.frame_idx2, pose);
   }
   model->SetFrame(candidate.frame_idx1, Rigid3());
-  const size_t min_num_points =
-      2 *
-      static_cast<size_t>(input_.options.resection.abs_pose_min_num_inliers);
+  const auto min_num_points =
+      2 * static_cast<size_t>(model->MinNumInliers(candidate.frame_idx1));
   model->Triangulate({candidate.frame_idx1, candidate.frame_idx2});
   if (model->num_points() < min_num_points) return nullptr;
   model->AdjustAll();

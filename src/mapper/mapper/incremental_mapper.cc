@@ -23,10 +23,12 @@ namespace {
 
 IncrementalResult Grow(const MapperRunInput& run, const VerifiedPairs& pairs,
                        const Mask& pair_is_used,
+                       const Mask& pair_is_of_neighbors,
                        std::vector<StageTime>* times) {
   const RunningStage stage("incremental mapping", run.context);
   IncrementalResult grown = MapIncrementally(
-      {run.scene, pairs.bearings, pairs.view_graph, pair_is_used},
+      {run.scene, pairs.bearings, pairs.view_graph, pair_is_used,
+       pair_is_of_neighbors},
       {run.options.extension.resection, run.options.bundle_adjustment,
        run.options.tracks, run.options.match_selection,
        run.options.min_num_frames},
@@ -136,10 +138,11 @@ void MapByGrowth(const MapperRunInput& run, VerifiedPairs* pairs,
                  MapperResult* result) {
   const FramePairIndex index(run.scene, pairs->view_graph,
                              run.options.pair_filtering.is_sequence);
-  JudgedPairs judged = JudgePairs(run, index, pairs, &result->times);
+  JudgedPairs judged = JudgePairs(run, index, nullptr, pairs, &result->times);
   RejectByPositions(run, *pairs, index, &judged, &result->times);
   const Mask pair_is_used = UsablePairs(judged.rotations.verdicts);
-  IncrementalResult grown = Grow(run, *pairs, pair_is_used, &result->times);
+  IncrementalResult grown =
+      Grow(run, *pairs, pair_is_used, FindNeighbors(index), &result->times);
   SharedCalibration calibration(run.scene, run.lenses);
   for (Reconstruction& initial : grown.estimate) {
     if (!result->models.empty()) {

@@ -64,11 +64,12 @@ EstimatedRotations AverageAll(const Run& run, const ViewGraph& view_graph,
 }  // namespace
 
 JudgedPairs JudgePairs(const Run& run, const FramePairIndex& index,
-                       VerifiedPairs* pairs, std::vector<StageTime>* times) {
+                       const Mask* frames_with_objects, VerifiedPairs* pairs,
+                       std::vector<StageTime>* times) {
   JudgedPairs judged;
   judged.rotations = AverageAll(run, pairs->view_graph, index, {}, times);
-  judged.motion = RemoveMovingObjects(index, judged.rotations.estimate,
-                                      run.options, run.context, pairs, times);
+  judged.motion = RemoveMovingObjects(run, index, frames_with_objects,
+                                      judged.rotations.estimate, pairs, times);
   if (!judged.motion.verdicts.empty()) {
     judged.rotations = AverageAll(run, pairs->view_graph, index,
                                   judged.motion.verdicts, times);
@@ -199,7 +200,8 @@ void MapVerifiedPairs(const PositionStep& estimate_positions, const Run& run,
                       VerifiedPairs* pairs, MapperResult* result) {
   const FramePairIndex index(run.scene, pairs->view_graph,
                              run.options.pair_filtering.is_sequence);
-  auto [rotations, motion] = JudgePairs(run, index, pairs, &result->times);
+  auto [rotations, motion] =
+      JudgePairs(run, index, nullptr, pairs, &result->times);
   SharedCalibration calibration(run.scene, run.lenses);
   const Measured measured{
       estimate_positions,

@@ -6,6 +6,7 @@
 
 #include "mapper/verified_pairs.h"
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/mapper/mapper.h"
 #include "moving_objects/moving_objects.h"
 #include "pair_filtering/frame_pair_index.h"
@@ -41,8 +42,10 @@ struct JudgedPairs {
 };
 
 // Averages rotations, finds moving objects, and averages again without them.
+// Objects are sought in pairs of the given frames; nullptr: of all.
 [[nodiscard]] JudgedPairs JudgePairs(const MapperRunInput& run,
                                      const FramePairIndex& index,
+                                     const Mask* frames_with_objects,
                                      VerifiedPairs* pairs,
                                      std::vector<StageTime>* times);
 

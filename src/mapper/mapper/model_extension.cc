@@ -114,11 +114,13 @@ void DropPairsOf(const Reconstruction& model, const Scene& scene,
 // Grows the model. Its points are those of the start and of the new tracks.
 IncrementalResult GrowExisting(const MapperRunInput& run,
                                const Bearings& bearings,
+                               const Mask& pair_is_of_neighbors,
                                const AdjustmentInput& input,
                                const MapperOptions& options,
                                const Context& context) {
   IncrementalResult grown =
-      GrowModel({input.scene, bearings, input.view_graph, input.pair_is_used},
+      GrowModel({input.scene, bearings, input.view_graph, input.pair_is_used,
+                 pair_is_of_neighbors},
                 {*input.start, input.held},
                 {options.extension.resection, options.bundle_adjustment,
                  options.tracks, options.match_selection},
@@ -190,7 +192,7 @@ void ExtendModel(const MapperRunInput& run, const PairsOfExtension* selected,
   CheckExtensionOptions(run.options, run.input.position_priors);
   const Context& context = run.context;
   const Reconstruction& existing = *run.input.existing_model;
-  const PairVerdicts verdicts =
+  const auto [verdicts, pair_is_of_neighbors] =
       JudgePairsOfExtension(run, selected, verified, &result->times);
   const VerifiedPairs& pairs = *verified;
   const bool keeps_points = selected != nullptr;
@@ -219,7 +221,8 @@ void ExtendModel(const MapperRunInput& run, const PairsOfExtension* selected,
   if (are_fixed) input.held = FixAllOf(start);
   const RunningStage stage("incremental mapping", context);
   IncrementalResult grown =
-      GrowExisting(run, pairs.bearings, input, options, stage.context());
+      GrowExisting(run, pairs.bearings, pair_is_of_neighbors, input, options,
+                   stage.context());
   stage.Finish(&model.times);
   model.extension.emplace();
   model.extension->added_frames = std::move(grown.added);

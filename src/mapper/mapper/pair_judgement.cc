@@ -4,14 +4,15 @@
 #include <algorithm>
 #include <cstddef>
 #include <numeric>
+#include <string>
 #include <utility>
 
 #include "base/ranges.h"
 #include "mapper/components.h"
 #include "mapper/stage.h"
 #include "math/union_find.h"
-#include "mgsfm/base/mask.h"
 #include "mgsfm/tracks/track_establishment.h"
+#include "moving_objects/moving_objects.h"
 #include "translation_averaging/position_estimation.h"
 
 namespace mgsfm {
@@ -76,7 +77,116 @@ std::vector<MatchedImages> AllPairs(std::vector<MatchedImages> of_model,
   return all;
 }
 
+ViewGraph SelectPairs(const ViewGraph& view_graph,
+                      const std::vector<size_t>& pair_idxs) {
+  ViewGraph selected;
+  for (const size_t i : pair_idxs) {
+    selected.pairs.push_back(view_graph.pairs[i]);
+  }
+  return selected;
+}
+
+std::vector<size_t> PairsOfFrames(const Scene& scene,
+                                  const ViewGraph& view_graph,
+                                  const Mask& frames) {
+  std::vector<size_t> pair_idxs;
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    if (frames[scene.images[pair.image_idx1].frame_idx] &&
+        frames[scene.images[pair.image_idx2].frame_idx]) {
+      pair_idxs.push_back(i);
+    }
+  }
+  return pair_idxs;
+}
+
+// Per pair of a whole, the values of a part, which may be empty.
+template <class T>
+void Spread(const std::vector<size_t>& pair_idxs, size_t num_pairs,
+            std::vector<T>* values) {
+  if (values->empty()) return;
+  std::vector<T> of_whole(num_pairs);
+  for (size_t k = 0; k < pair_idxs.size(); ++k) {
+    of_whole[pair_idxs[k]] = std::move((*values)[k]);
+  }
+  *values = std::move(of_whole);
+}
+
+MotionOfScene FindObjectsAmong(const Mask& frames, const MotionInput& input,
+                               const MotionOptions& options,
+                               const Context& context) {
+  const std::vector<size_t> pair_idxs =
+      PairsOfFrames(input.scene, input.view_graph, frames);
+  const ViewGraph view_graph = SelectPairs(input.view_graph, pair_idxs);
+  const ViewGraph matches = SelectPairs(
+      input.matches, PairsOfFrames(input.scene, input.matches, frames));
+  const FramePairIndex index(input.scene, view_graph, input.index);
+  MotionOfScene motion =
+      FindMovingObjects({input.scene, input.bearings, index, view_graph,
+                         matches, input.rotations},
+                        options, context);
+  const size_t num_pairs = input.view_graph.pairs.size();
+  Spread(pair_idxs, num_pairs, &motion.verdicts);
+  Spread(pair_idxs, num_pairs, &motion.pair_of_scene);
+  Spread(pair_idxs, num_pairs, &motion.pair_on_path);
+  return motion;
+}
+
+// The frames that the model lacks, and those that share a pair with one.
+Mask FindNewFrames(const Scene& scene, const Reconstruction& model,
+                   const FramePairIndex& index) {
+  const auto is_new = [&](int frame_idx) {
+    return !model.rig_from_world[frame_idx];
+  };
+  Mask frames(scene.frames.size());
+  for (const FramePairIndex::FramePair& pair : index.frame_pairs()) {
+    if (is_new(pair.frame_idx1) || is_new(pair.frame_idx2)) {
+      frames[pair.frame_idx1] = true;
+      frames[pair.frame_idx2] = true;
+    }
+  }
+  return frames;
+}
+
 }  // namespace
+
+MotionOfScene RemoveMovingObjects(const MapperRunInput& run,
+                                  const FramePairIndex& index,
+                                  const Mask* frames,
+                                  const RotationEstimate& rotations,
+                                  VerifiedPairs* pairs,
+                                  std::vector<StageTime>* times) {
+  const MapperOptions& options = run.options;
+  if (!index.is_sequence() || !IsRuleOn(RejectionReason::kDiscontinuousMotion,
+                                        options.pair_filtering)) {
+    return {};
+  }
+  ViewGraph& view_graph = pairs->view_graph;
+  const MotionInput input{pairs->scene, pairs->bearings,  index,
+                          view_graph,   pairs->matches(), rotations};
+  const MotionOptions motion_options{
+      options.translation_averaging.min_parallax_deg, options.view_graph,
+      options.pair_filtering};
+  const RunningStage stage("moving objects", run.context);
+  MotionOfScene motion =
+      frames ? FindObjectsAmong(*frames, input, motion_options, stage.context())
+             : FindMovingObjects(input, motion_options, stage.context());
+  stage.Finish(times);
+  if (motion.verdicts.empty()) return {};
+  auto pair_of_scene = std::exchange(motion.pair_of_scene, {});
+  for (size_t i = 0; i < pair_of_scene.size(); ++i) {
+    if (pair_of_scene[i]) view_graph.pairs[i] = std::move(*pair_of_scene[i]);
+  }
+  const auto num_pairs = CountIf(
+      motion.verdicts, [](const auto& verdict) { return verdict.has_value(); });
+  if (num_pairs > 0) {
+    run.context.Info(std::to_string(num_pairs) + " of " +
+                     std::to_string(view_graph.pairs.size()) +
+                     " image pairs contradict the motion of the rig between "
+                     "their frames and are not used");
+  }
+  return motion;
+}
 
 void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
                        const FramePairIndex& index, JudgedPairs* judged,
@@ -107,6 +217,14 @@ void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
            RejectionReason::kInconsistentBaseline, &verdicts);
   }
   stage.Finish(times);
+}
+
+Mask FindNeighbors(const FramePairIndex& index) {
+  Mask are_neighbors(index.num_pairs());
+  for (size_t i = 0; i < are_neighbors.size(); ++i) {
+    are_neighbors[i] = index.is_sequence() && index.AreNeighbors(index.Of(i));
+  }
+  return are_neighbors;
 }
 
 std::optional<PairsOfExtension> SelectPairsOfExtension(
@@ -143,10 +261,10 @@ std::optional<PairsOfExtension> SelectPairsOfExtension(
   return selected;
 }
 
-PairVerdicts JudgePairsOfExtension(const MapperRunInput& run,
-                                   const PairsOfExtension* selected,
-                                   VerifiedPairs* pairs,
-                                   std::vector<StageTime>* times) {
+PairsToGrowOn JudgePairsOfExtension(const MapperRunInput& run,
+                                    const PairsOfExtension* selected,
+                                    VerifiedPairs* pairs,
+                                    std::vector<StageTime>* times) {
   const SequenceMode mode = run.options.pair_filtering.is_sequence;
   const FramePairIndex all(
       run.scene,
@@ -154,9 +272,12 @@ PairVerdicts JudgePairsOfExtension(const MapperRunInput& run,
                pairs->view_graph),
       mode);
   const FramePairIndex index(run.scene, pairs->view_graph, all);
-  JudgedPairs judged = JudgePairs(run, index, pairs, times);
+  const Mask frames =
+      FindNewFrames(run.scene, *run.input.existing_model, index);
+  JudgedPairs judged =
+      JudgePairs(run, index, selected ? &frames : nullptr, pairs, times);
   RejectByPositions(run, *pairs, index, &judged, times);
-  return std::move(judged.rotations.verdicts);
+  return {std::move(judged.rotations.verdicts), FindNeighbors(index)};
 }
 
 }  // namespace mgsfm

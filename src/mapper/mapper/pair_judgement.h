@@ -6,11 +6,21 @@
 
 #include "mapper/mapper_recipe.h"
 #include "mapper/verified_pairs.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/scene/view_graph.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
+
+// Finds objects that move along with the rig of a sequence, if the rule is on,
+// by the pairs of the given frames; nullptr: of all. Pairs of which the static
+// scene is known replace those of the view graph. Logs how many others
+// contradict the motion of the rig.
+[[nodiscard]] MotionOfScene RemoveMovingObjects(
+    const MapperRunInput& run, const FramePairIndex& index, const Mask* frames,
+    const RotationEstimate& rotations, VerifiedPairs* pairs,
+    std::vector<StageTime>* times);
 
 // Which pairs a model may grow on. Growth registers one frame at a time and
 // sees no loop before it closes: pairs of two places that look alike attach the
@@ -24,6 +34,9 @@ namespace mgsfm {
 void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
                        const FramePairIndex& index, JudgedPairs* judged,
                        std::vector<StageTime>* times);
+
+// Per pair: joins neighbors in a sequence.
+[[nodiscard]] Mask FindNeighbors(const FramePairIndex& index);
 
 // The pairs that extend an existing model.
 struct PairsOfExtension {
@@ -42,8 +55,14 @@ struct PairsOfExtension {
     const MapperRunInput& run);
 
 // The verdicts of all rules on verified pairs; `selected` is null if these are
-// all pairs. Order and reach of the frames are those of all pairs.
-[[nodiscard]] PairVerdicts JudgePairsOfExtension(
+// all pairs. Order and reach of the frames are those of all pairs. Moving
+// objects are sought in pairs of new frames and of frames that share a pair
+// with these.
+struct PairsToGrowOn {
+  PairVerdicts verdicts;
+  Mask pair_is_of_neighbors;
+};
+[[nodiscard]] PairsToGrowOn JudgePairsOfExtension(
     const MapperRunInput& run, const PairsOfExtension* selected,
     VerifiedPairs* pairs, std::vector<StageTime>* times);
 

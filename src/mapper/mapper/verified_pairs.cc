@@ -9,6 +9,7 @@
 #include "base/ranges.h"
 #include "mapper/stage.h"
 #include "moving_objects/fixed_regions.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {
@@ -111,40 +112,6 @@ VerifiedPairs VerifyAllPairs(const Scene& scene, const ViewGraph& matches,
         FindPair(pairs.view_graph, pair.image_idx1, pair.image_idx2) == nullptr;
   }
   return pairs;
-}
-
-MotionOfScene RemoveMovingObjects(const FramePairIndex& index,
-                                  const RotationEstimate& rotations,
-                                  const MapperOptions& options,
-                                  const Context& context, VerifiedPairs* pairs,
-                                  std::vector<StageTime>* times) {
-  if (!index.is_sequence() || !IsRuleOn(RejectionReason::kDiscontinuousMotion,
-                                        options.pair_filtering)) {
-    return {};
-  }
-  ViewGraph& view_graph = pairs->view_graph;
-  const RunningStage stage("moving objects", context);
-  MotionOfScene motion =
-      FindMovingObjects({pairs->scene, pairs->bearings, index, view_graph,
-                         pairs->matches(), rotations},
-                        {options.translation_averaging.min_parallax_deg,
-                         options.view_graph, options.pair_filtering},
-                        stage.context());
-  stage.Finish(times);
-  if (motion.verdicts.empty()) return {};
-  auto pair_of_scene = std::exchange(motion.pair_of_scene, {});
-  for (size_t i = 0; i < pair_of_scene.size(); ++i) {
-    if (pair_of_scene[i]) view_graph.pairs[i] = std::move(*pair_of_scene[i]);
-  }
-  const auto num_pairs = CountIf(
-      motion.verdicts, [](const auto& verdict) { return verdict.has_value(); });
-  if (num_pairs > 0) {
-    context.Info(std::to_string(num_pairs) + " of " +
-                 std::to_string(view_graph.pairs.size()) +
-                 " image pairs contradict the motion of the rig between their "
-                 "frames and are not used");
-  }
-  return motion;
 }
 
 }  // namespace mgsfm

@@ -10,8 +10,6 @@
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
-#include "moving_objects/moving_objects.h"
-#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
@@ -39,13 +37,5 @@ struct VerifiedPairs {
                                            const MapperOptions& options,
                                            const Context& context,
                                            MapperResult* result);
-
-// Finds objects that move along with the rig of a sequence, if the rule is on.
-// Pairs of which the static scene is known replace those of the view graph.
-// Logs how many others contradict the motion of the rig.
-[[nodiscard]] MotionOfScene RemoveMovingObjects(
-    const FramePairIndex& index, const RotationEstimate& rotations,
-    const MapperOptions& options, const Context& context, VerifiedPairs* pairs,
-    std::vector<StageTime>* times);
 
 }  // namespace mgsfm

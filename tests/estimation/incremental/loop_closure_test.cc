@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <vector>
 
 #include "geometry/so3.h"
 #include "incremental/growth_steps.h"
@@ -32,11 +33,14 @@ TEST(LoopClosure, ADriftedCircleIsClosed) {
                                    selection};
   const Context context;
   const Mask all_pairs(simulation.view_graph.pairs.size(), true);
-  GrowthInput input{{scene, bearings, simulation.view_graph, all_pairs},
-                    options,
-                    context,
-                    tracks,
-                    {}};
+  const Mask no_neighbors(simulation.view_graph.pairs.size());
+  GrowthInput input{
+      {scene, bearings, simulation.view_graph, all_pairs, no_neighbors},
+      options,
+      context,
+      tracks,
+      {},
+      std::vector<std::vector<int>>(scene.frames.size())};
   input.keypoints.resize(scene.images.size());
   for (size_t t = 0; t < tracks.size(); ++t) {
     for (const Observation* o = tracks.begin(t); o != tracks.end(t); ++o) {
