@@ -44,9 +44,9 @@ namespace mgsfm {
 //   jump           if neighbors in time on both sides contradict the motion of
 //                  the rig. It is the weakest cut between them, and its
 //                  confidence is 0.
-//   one place      if no neighbors of a sequence connect its sides, but loops
-//   of
-//                  one place, which can look alike. Its confidence is 0.
+//   one place      if no neighbors of a sequence connect its sides, but
+//                  loops of one place, which can look alike. Its
+//                  confidence is 0.
 //   contradicted   if the share against it is large. Nothing counts against a
 //                  cut across which frames confirm the motion of the rig.
 //

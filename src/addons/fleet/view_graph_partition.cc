@@ -34,7 +34,7 @@ std::vector<GraphEdge> EdgesOfSkeleton(const FramePairIndex& index,
   const Mask is_in_skeleton = SelectSkeletalGraph(
       index, num_matches, support, Mask(pairs.size(), true), filtering);
   std::vector<GraphEdge> edges;
-  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+  for (const FramePair& frames : index.frame_pairs()) {
     if (!frames.IsBetweenFrames()) continue;
     bool is_edge = false;
     double weight = 0.0;

@@ -60,7 +60,7 @@ Mask FindTurning(const Scene& scene, const FramePairIndex& index,
                kMinVisible * ToleranceRad(scene, pair, max_error_px);
   };
   Mask turning;
-  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+  for (const FramePair& frames : index.frame_pairs()) {
     turning.push_back(frames.IsBetweenFrames() &&
                       AnyOf(frames.pair_idxs, turns));
   }
@@ -78,7 +78,7 @@ std::vector<int> Neighbors(const FramePairIndex& index, int frame_idx) {
 // Whether the rig turns between two frames, according to their pairs or to
 // pairs of one of them with a frame next to the other.
 bool Turns(const FramePairIndex& index, const Mask& turns,
-           const FramePairIndex::FramePair& frames) {
+           const FramePair& frames) {
   const auto do_turn = [&](int frame_idx1, int frame_idx2) {
     const auto* found = index.Find(frame_idx1, frame_idx2);
     return found != nullptr && turns[found - index.frame_pairs().data()];
@@ -156,14 +156,13 @@ std::vector<Nearness> MeasureInverseDistances(const Scene& scene,
 // Whether the keypoints of a match move along with the rig.
 enum class Kind { kMoves, kFixed, kUnknown };
 struct MatchVote {
-  int keypoint_idx1, keypoint_idx2;
+  Match match;
   Kind kind;
 };
 
-// Compares the rays of a pair of images of one sensor. Where the rig turns, a
-// point at infinity would move, so that all matches tell. Where it advances,
-// points that move and whose nearness is known show how far; a point that does
-// not is fixed to the rig if it is so near that it would move visibly at rest.
+// Compares the rays of a pair of images of one sensor. Where the rig turns, all
+// matches tell; elsewhere, `nearness1` of keypoints of image 1 shows how far it
+// advances, and which points would move visibly at rest.
 std::vector<MatchVote> CompareRays(const Bearings& bearings,
                                    const ImagePair& pair, double tolerance_rad,
                                    const Nearness* nearness1) {
@@ -177,9 +176,7 @@ std::vector<MatchVote> CompareRays(const Bearings& bearings,
       [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
         const bool is_fixed = IsRotationInlier(Eigen::Quaterniond::Identity(),
                                                ray1, ray2, tolerance_rad);
-        votes.push_back({static_cast<int>(match.keypoint_idx1),
-                         static_cast<int>(match.keypoint_idx2),
-                         is_fixed ? Kind::kFixed : Kind::kMoves});
+        votes.push_back({match, is_fixed ? Kind::kFixed : Kind::kMoves});
         if (!nearness1) return;
         const auto& near = (*nearness1)[match.keypoint_idx1];
         const MatchParallax parallax(*pose, ray1, ray2);
@@ -209,14 +206,14 @@ struct Votes {
   void Add(const Scene& scene, const ImagePair& pair,
            const std::vector<MatchVote>& votes) {
     std::vector<std::array<int, 3>> counts(num_all.size(), {0, 0, 0});
-    const auto add = [&](int image_idx, int keypoint_idx, Kind kind) {
+    const auto add = [&](int image_idx, uint32_t keypoint_idx, Kind kind) {
       ++counts[CellOf(CameraOf(scene, image_idx),
                       scene.images[image_idx].keypoints_px[keypoint_idx])]
               [static_cast<size_t>(kind)];
     };
-    for (const MatchVote& vote : votes) {
-      add(pair.image_idx1, vote.keypoint_idx1, vote.kind);
-      add(pair.image_idx2, vote.keypoint_idx2, vote.kind);
+    for (const auto& [match, kind] : votes) {
+      add(pair.image_idx1, match.keypoint_idx1, kind);
+      add(pair.image_idx2, match.keypoint_idx2, kind);
     }
     for (size_t c = 0; c < counts.size(); ++c) {
       const auto [num_moving, fixed, num_unknown] = counts[c];
@@ -272,14 +269,12 @@ bool FixedRegions::Add(const FixedRegions& others) {
   of_sensor.resize(others.of_sensor.size());
   bool are_new = false;
   for (size_t s = 0; s < of_sensor.size(); ++s) {
-    if (others.of_sensor[s].empty()) continue;
-    if (of_sensor[s].empty()) {
-      of_sensor[s] = Mask(others.of_sensor[s].size(), false);
-    }
-    for (size_t c = 0; c < of_sensor[s].size(); ++c) {
-      if (of_sensor[s][c] || !others.of_sensor[s][c]) continue;
-      of_sensor[s][c] = true;
-      are_new = true;
+    Mask& cells = of_sensor[s];
+    const Mask& added = others.of_sensor[s];
+    cells.resize(std::max(cells.size(), added.size()));
+    for (size_t c = 0; c < added.size(); ++c) {
+      are_new |= added[c] && !cells[c];
+      cells[c] |= added[c];
     }
   }
   return are_new;
@@ -293,7 +288,7 @@ FixedRegions FindFixedRegions(const Scene& scene, const Bearings& bearings,
   const std::vector<Nearness> nearness =
       MeasureInverseDistances(scene, bearings, index, view_graph, max_error_px);
   std::vector<Votes> turning(scene.sensors.size()), advancing = turning;
-  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+  for (const FramePair& frames : index.frame_pairs()) {
     if (!frames.IsBetweenFrames()) continue;
     const bool do_turn = Turns(index, turns, frames);
     for (const size_t i : frames.pair_idxs) {

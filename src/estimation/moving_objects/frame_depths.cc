@@ -92,13 +92,6 @@ RayMatches PoolMatches(const Scene& scene, const Bearings& bearings,
   return pooled;
 }
 
-// The standard deviation of the residuals, by their median: up to half of the
-// matches may be wrong.
-double ResidualSigma(const RayMatches& matches, const Rigid3& pose) {
-  return std::max(RobustSigma<1>(SampsonAngles(matches, pose)),
-                  std::numeric_limits<double>::epsilon());
-}
-
 // The best pose with the given rotation and the direction of two matches.
 Rigid3 SamplePose(const RayMatches& matches, const Eigen::Quaterniond& rotation,
                   Random* random) {
@@ -136,10 +129,9 @@ struct SensorPose {
   double sigma_rad = 0.0;
 };
 
-// The averaged rotation, and the direction that the matches of all frames
-// determine together, where those of a single frame may be too few. They do not
-// refine the rotation: in a narrow overlap they determine only combinations of
-// rotation and direction, and errors of intrinsics turn it.
+// The averaged rotation, which errors of intrinsics would turn if matches
+// refined it, and the direction by the matches of all frames: those of one may
+// be too few.
 std::optional<SensorPose> EstimateSensorPose(const MotionInput& input,
                                              const SensorPair& sensor_pair,
                                              Random* random) {
@@ -302,9 +294,7 @@ void AddDepths(const MotionInput& input, const ImagePair& pair,
   if (!cam1_from_rig || !cam2_from_rig) return;
   const double noise_rad = RayNoiseRad(scene, pair, options.noise_px);
   for (const int image : images) {
-    const size_t num_keypoints = scene.images[image].keypoints_px.size();
-    depths->distances[image].resize(num_keypoints);
-    depths->relative_sigmas[image].resize(num_keypoints);
+    depths->keypoints[image].resize(scene.images[image].keypoints_px.size());
   }
   ForEachIntersection(
       input.bearings, pair, *cam2_from_rig * cam1_from_rig->Inverse(),
@@ -313,11 +303,10 @@ void AddDepths(const MotionInput& input, const ImagePair& pair,
         const size_t keypoints[2] = {match.keypoint_idx1, match.keypoint_idx2};
         for (const int i : {0, 1}) {
           // The most precise pair counts.
-          auto& distance = depths->distances[images[i]][keypoints[i]];
-          double& sigma = depths->relative_sigmas[images[i]][keypoints[i]];
-          if (distance && sigma <= noise_rad / point.sine) continue;
-          distance = point.distances[i];
-          sigma = noise_rad / point.sine;
+          auto& depth = depths->keypoints[images[i]][keypoints[i]];
+          const double sigma = noise_rad / point.sine;
+          if (depth && depth->relative_sigma <= sigma) continue;
+          depth = {point.distances[i], sigma};
         }
       });
 }
@@ -358,6 +347,11 @@ std::optional<Parallax> ParallaxOf(const Rigid3& b_from_a,
 
 }  // namespace
 
+double ResidualSigma(const RayMatches& matches, const Rigid3& pose) {
+  return std::max(RobustSigma<1>(SampsonAngles(matches, pose)),
+                  std::numeric_limits<double>::epsilon());
+}
+
 std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
                                                     const Bearings& bearings,
                                                     const ImagePair& pair,
@@ -368,15 +362,16 @@ std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
   const double noise_rad = RayNoiseRad(scene, pair, noise_px);
   std::vector<Parallax> parallaxes;
   double information = 0.0, by_depths = 0.0;
-  const auto add = [&](int image, int keypoint, const Vector3d& ray,
+  const auto add = [&](int image, size_t keypoint, const Vector3d& ray,
                        const Vector3d& other_ray, const Rigid3& other_from) {
-    if (!depths.IsKnown(image, keypoint)) return;
-    const auto parallax = ParallaxOf(other_from, ray, other_ray,
-                                     *depths.distances[image][keypoint]);
+    const KeypointDepth* depth = depths.Find(image, keypoint);
+    if (depth == nullptr) return;
+    const auto parallax =
+        ParallaxOf(other_from, ray, other_ray, depth->distance);
     if (!parallax) return;
     parallaxes.push_back(*parallax);
     const double squared = parallax->by_unit_rad * parallax->by_unit_rad;
-    const double sigma = depths.RelativeSigma(image, keypoint);
+    const double sigma = depth->relative_sigma;
     information += squared;
     by_depths += sigma * sigma * squared;
   };
@@ -384,10 +379,8 @@ std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
   ForEachRays(
       bearings, pair,
       [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
-        add(pair.image_idx1, static_cast<int>(match.keypoint_idx1), ray1, ray2,
-            pose);
-        add(pair.image_idx2, static_cast<int>(match.keypoint_idx2), ray2, ray1,
-            inverse);
+        add(pair.image_idx1, match.keypoint_idx1, ray1, ray2, pose);
+        add(pair.image_idx2, match.keypoint_idx2, ray2, ray1, inverse);
       });
   if (parallaxes.empty()) return std::nullopt;
   const auto num_rays = static_cast<double>(parallaxes.size());
@@ -425,8 +418,7 @@ FrameDepths MeasureFrameDepths(const MotionInput& input,
   const PairScales scales =
       AverageScales(measured, static_cast<int>(scene.sensors.size()), context);
   FrameDepths depths;
-  depths.distances.resize(scene.images.size());
-  depths.relative_sigmas.resize(scene.images.size());
+  depths.keypoints.resize(scene.images.size());
   depths.cam_from_rig =
       PlaceSensors(input.rotations, sensor_pairs, poses, scales);
   for (const SensorPair& sensor_pair : sensor_pairs) {

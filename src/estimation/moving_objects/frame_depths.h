@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include "geometry/epipolar.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -21,6 +22,11 @@ struct MotionInput {
   const ViewGraph& matches;
   const RotationEstimate& rotations;
 };
+
+// The standard deviation of the Sampson errors of a relative pose, by their
+// median: up to half of the matches may be wrong. `matches` must not be empty.
+[[nodiscard]] double ResidualSigma(const RayMatches& matches,
+                                   const Rigid3& cam2_from_cam1);
 
 struct DepthOptions {
   // Smaller angles may be errors of calibration or of exposure times.

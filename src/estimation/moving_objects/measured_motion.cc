@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "moving_objects/measured_motion.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "geometry/so3.h"
 
 namespace mgsfm {
@@ -68,6 +71,10 @@ double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {
   const double squared_length = vector.squaredNorm();
   return squared_length > 0.0 ? vector.dot(covariance * vector) / squared_length
                               : 0.0;
+}
+
+double SigmaAlong(const Matrix3d& covariance, const Vector3d& vector) {
+  return std::sqrt(std::max(0.0, VarianceAlong(covariance, vector)));
 }
 
 }  // namespace mgsfm

@@ -39,8 +39,10 @@ struct Velocity {
 [[nodiscard]] MeasuredMotion MotionOf(const Velocity& velocity,
                                       double duration);
 
-// The variance along a vector.
+// The variance and the standard deviation along a vector.
 [[nodiscard]] double VarianceAlong(const Eigen::Matrix3d& covariance,
                                    const Eigen::Vector3d& vector);
+[[nodiscard]] double SigmaAlong(const Eigen::Matrix3d& covariance,
+                                const Eigen::Vector3d& vector);
 
 }  // namespace mgsfm

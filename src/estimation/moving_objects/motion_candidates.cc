@@ -33,11 +33,10 @@ constexpr double kLongQuantile = 0.9;
 constexpr double kDistanceSpacing = 0.8;
 // Bounds the cost where most measured distances are zero.
 constexpr double kMaxNumDistances = 200.0;
-// Motions agree within kRelativeTolerance, this fraction of the median step,
-// and this angle. Turns may change by the same angle per step, in addition to
-// the typical change in the recording, so that errors do not count as changes.
+// The fraction of the median step within which motions agree. Turns may change
+// by kMaxAngle_rad per step, in addition to the typical change in the
+// recording, so that errors do not count as changes.
 constexpr double kMinTolerance = 0.04;
-constexpr double kMaxAngle_rad = DegToRad(1.0);
 // 99 % of the differences of two measurements of one vector of three normal
 // components are shorter than this, in standard deviations of a component.
 constexpr double kNumSigmas = 3.37;
@@ -172,17 +171,6 @@ void MeasureChanges(const std::vector<StepHypotheses>& measured,
   noise->turn_change_rad = Median(std::move(angular_rad)) / kMedianOfNorm;
 }
 
-std::vector<double> MeasuredLengths(const std::vector<StepHypotheses>& steps) {
-  std::vector<double> lengths;
-  for (const StepHypotheses& step : steps) {
-    for (const MotionHypothesis& h : step) {
-      if (h.free_direction) continue;
-      lengths.push_back(h.later_from_earlier.translation.norm());
-    }
-  }
-  return lengths;
-}
-
 // A pair without parallax.
 bool IsStill(const MotionHypothesis& hypothesis) {
   return hypothesis.free_direction && hypothesis.free_direction->isZero(0.0);
@@ -302,6 +290,31 @@ void Combine(const MotionNoise& noise, Candidate* by_depth,
       direction.transpose();
 }
 
+// The distances to try for a step of this duration.
+std::vector<double> DistancesToTry(const Steps& steps, double duration) {
+  std::vector<double> distances{0.0};
+  const double longest = duration * steps.longest_step;
+  while (distances.back() < longest) {
+    const double change = kRelativeChange * distances.back() +
+                          kMinChange * duration * steps.noise.median_step;
+    distances.push_back(
+        distances.back() +
+        std::max(kDistanceSpacing * change, longest / kMaxNumDistances));
+  }
+  return distances;
+}
+
+// The tolerances of centers at this distance and of rotations that agree,
+// without the errors of their measurement.
+double CenterTolerance(double distance, const MotionNoise& noise) {
+  return std::max(kRelativeTolerance, kNumSigmas * noise.relative_center) *
+             distance +
+         kMinTolerance * noise.median_step;
+}
+double AngleToleranceRad(const MotionNoise& noise) {
+  return std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
+}
+
 }  // namespace
 
 std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
@@ -322,24 +335,6 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
   }
   return candidates;
 }
-
-namespace {
-
-// The distances to try for a step of this duration.
-std::vector<double> DistancesToTry(const Steps& steps, double duration) {
-  std::vector<double> distances{0.0};
-  const double longest = duration * steps.longest_step;
-  while (distances.back() < longest) {
-    const double change = kRelativeChange * distances.back() +
-                          kMinChange * duration * steps.noise.median_step;
-    distances.push_back(
-        distances.back() +
-        std::max(kDistanceSpacing * change, longest / kMaxNumDistances));
-  }
-  return distances;
-}
-
-}  // namespace
 
 MeasuredMotion MotionHypothesis::ClosestTo(const Vector3d& center) const {
   MeasuredMotion motion = *this;
@@ -362,21 +357,6 @@ double Steps::Duration(size_t k, size_t num_steps) const {
   for (size_t i = 0; i < num_steps; ++i) duration += durations[k - i];
   return duration;
 }
-
-namespace {
-
-// The tolerances of centers at this distance and of rotations that agree,
-// without the errors of their measurement.
-double CenterTolerance(double distance, const MotionNoise& noise) {
-  return std::max(kRelativeTolerance, kNumSigmas * noise.relative_center) *
-             distance +
-         kMinTolerance * noise.median_step;
-}
-double AngleToleranceRad(const MotionNoise& noise) {
-  return std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
-}
-
-}  // namespace
 
 bool IsCertain(const MeasuredMotion& motion, const MotionNoise& noise) {
   const auto is_within = [](const Matrix3d& covariance, double bound) {
@@ -440,7 +420,13 @@ Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
 Steps MakeSteps(const std::vector<StepHypotheses>& measured,
                 std::vector<double> durations) {
   Steps steps;
-  const std::vector<double> lengths = MeasuredLengths(measured);
+  std::vector<double> lengths;
+  for (const StepHypotheses& step : measured) {
+    for (const MotionHypothesis& h : step) {
+      if (h.free_direction) continue;
+      lengths.push_back(h.later_from_earlier.translation.norm());
+    }
+  }
   if (!lengths.empty()) {
     steps.noise.median_step = Median(lengths);
     steps.longest_step = 2.0 * Quantile(lengths, kLongQuantile);

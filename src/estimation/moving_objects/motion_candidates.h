@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "moving_objects/measured_motion.h"
 
@@ -187,8 +188,10 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
 // distance is free.
 std::vector<Candidate> TryDistances(const Steps& steps, size_t k);
 
-// Hypotheses agree within this fraction of the longer step, plus a fraction of
-// the median step, and within an angle.
+// Motions, and pairs with them, agree within this fraction of the longer step,
+// plus a fraction of the median step, and this angle: the error of pairs with
+// the minimum number of matches.
 inline constexpr double kRelativeTolerance = 0.2;
+inline constexpr double kMaxAngle_rad = DegToRad(1.0);
 
 }  // namespace mgsfm

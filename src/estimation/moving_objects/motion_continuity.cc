@@ -21,7 +21,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using ChosenMotions = std::vector<std::optional<ChosenMotion>>;
 
 // A range of steps, and the chosen motions before and after the steps in it
 // that have none.
@@ -90,8 +89,6 @@ std::optional<Gap> FindGap(const ChosenMotions& chosen, const Steps& steps,
   return gap;
 }
 
-// Motions between frames that are several steps of a sequence apart.
-//
 // If a vehicle fills the views of consecutive frames, their matches measure
 // only the motion relative to the vehicle. Frames further apart may show the
 // scene, as one of them sees past the vehicle.
@@ -458,10 +455,6 @@ MeasuredMotion RigPath::MeasuredBetween(int earlier, int later) const {
               to_start.transpose(),
           from_start * (to.center_covariance - from.center_covariance) *
               from_start.transpose()};
-}
-
-bool RigPath::AreSimilar(const Rigid3& a, const Rigid3& b) const {
-  return AreEqualMotions({a}, {b}, noise);
 }
 
 RigPath FindRigPath(const TemporalOrder& order, int num_frames,

@@ -95,10 +95,6 @@ struct RigPath {
     const auto& place2 = of_frame[frame_idx2];
     return place1 && place2 && place1->num_ambiguous != place2->num_ambiguous;
   }
-  // Whether two motions agree within tolerance.
-  bool AreSimilar(const Rigid3& a, const Rigid3& b) const;
-  // The tolerance for two measurements, in addition to their own noise.
-  double RotationToleranceRad() const { return 2.0 * noise.rotation_rad; }
   // later_from_earlier of two comparable frames.
   Rigid3 Between(int earlier, int later) const {
     return of_frame[later]->rig_from_start *

@@ -5,11 +5,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <limits>
 
 #include "base/random.h"
 #include "geometry/epipolar.h"
-#include "math/robust_scale.h"
 #include "moving_objects/motion_candidates.h"
 #include "scene/observations.h"
 
@@ -18,7 +16,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using FramePair = FramePairIndex::FramePair;
 
 // The matches that agree with either of two motions.
 struct AgreementCounts {
@@ -131,15 +128,6 @@ StepHypotheses MotionsOfPairs(const MotionProblem& problem,
   return step;
 }
 
-// The length of the baseline of a pair by the depths of its keypoints.
-std::optional<BaselineLength> MeasureLength(const MotionProblem& problem,
-                                            const ImagePair& pair) {
-  if (!pair.relative_pose->translation_direction) return std::nullopt;
-  return MeasureBaselineLength(problem.scene, problem.bearings, pair,
-                               kKeypointNoise * problem.max_error_px,
-                               problem.depths);
-}
-
 // Correspondences with depth are few and lie in the overlap of two cameras,
 // where a motion looks like a turn, and noise of depths favors the turn. If no
 // two motions exclude each other by their matches, the one by the most matches
@@ -219,10 +207,8 @@ MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
     for (const auto* matches : {&pair.matches, &pair.outliers}) {
       for (const Match& match : *matches) {
         const bool has_depth =
-            problem.depths.IsKnown(pair.image_idx1,
-                                   static_cast<int>(match.keypoint_idx1)) ||
-            problem.depths.IsKnown(pair.image_idx2,
-                                   static_cast<int>(match.keypoint_idx2));
+            problem.depths.Find(pair.image_idx1, match.keypoint_idx1) ||
+            problem.depths.Find(pair.image_idx2, match.keypoint_idx2);
         (has_depth ? with_depth : without_depth)
             .Add(agrees(match, *pose1), agrees(match, *pose2));
       }
@@ -238,10 +224,7 @@ PoseMatrix CovarianceOf(const MotionProblem& problem, const ImagePair& pair) {
                     *pair.relative_pose->translation_direction};
   const RayMatches rays = RaysOf(problem.bearings, pair);
   PoseRefinementOptions options;
-  options.loss_scale_rad =
-      rays.size() == 0 ? 1.0
-                       : std::max(RobustSigma<1>(SampsonAngles(rays, pose)),
-                                  std::numeric_limits<double>::epsilon());
+  options.loss_scale_rad = rays.size() == 0 ? 1.0 : ResidualSigma(rays, pose);
   return RelativePoseCovariance(rays, options, pose);
 }
 
@@ -284,10 +267,15 @@ StepHypotheses FindHypothesesByDepths(const MotionProblem& problem,
   const FramePair* frames =
       problem.index.Find(earlier_frame_idx, later_frame_idx);
   if (frames == nullptr) return step;
+  const auto length_by_depths = [&](size_t i) -> std::optional<BaselineLength> {
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    if (!pair.relative_pose->translation_direction) return std::nullopt;
+    return MeasureBaselineLength(problem.scene, problem.bearings, pair,
+                                 kKeypointNoise * problem.max_error_px,
+                                 problem.depths);
+  };
   const StepHypotheses of_pairs =
-      MotionsOfPairs(problem, *frames, [&](size_t i) {
-        return MeasureLength(problem, problem.view_graph.pairs[i]);
-      });
+      MotionsOfPairs(problem, *frames, length_by_depths);
   ReplaceByPairs(problem, earlier_frame_idx, later_frame_idx, of_pairs, &step);
   const StepHypotheses free = MotionsOfPairs(problem, *frames);
   step.insert(step.end(), free.begin(), free.end());

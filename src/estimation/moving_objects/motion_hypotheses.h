@@ -31,8 +31,7 @@ struct MotionProblem : MotionInput {
   // The median displacement of the rig that moves a keypoint by max_error_px.
   double noise_displacement = 0.0;
 
-  FrameMatches MatchesOf(int earlier,
-                         const FramePairIndex::FramePair& frames) const {
+  FrameMatches MatchesOf(int earlier, const FramePair& frames) const {
     return {scene, bearings, matches, depths, earlier, frames.pair_idxs};
   }
 };

@@ -20,15 +20,6 @@ const Candidate& Strongest(const std::vector<Candidate>& candidates) {
       [](const auto& a, const auto& b) { return a.share < b.share; });
 }
 
-// Whether a candidate has support and differs from a motion.
-bool IsOtherMotion(const Candidate& candidate, const MeasuredMotion& motion,
-                   const MotionNoise& noise) {
-  return candidate.own_share >= kContestingShare &&
-         !AreEqualMotions(
-             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
-             noise);
-}
-
 // A free distance may be that of any motion of the step with a distance, unless
 // the matches contradict it: matches with parallax exclude that an image pair
 // shows an object at a constant distance. The motion from correspondences with
@@ -66,10 +57,14 @@ bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
   return true;
 }
 
+// Whether a candidate has support and is another motion than the strongest one.
 bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
              const Candidate& strongest) {
   const MeasuredMotion motion = steps.MotionOf(k, strongest);
-  return IsOtherMotion(candidate, motion, steps.noise) &&
+  return candidate.own_share >= kContestingShare &&
+         !AreEqualMotions(
+             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
+             steps.noise) &&
          ExcludeEachOther(steps, k, candidate, strongest);
 }
 

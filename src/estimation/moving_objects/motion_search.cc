@@ -14,7 +14,6 @@ namespace mgsfm {
 namespace {
 
 using Eigen::Vector3d;
-using ChosenMotions = std::vector<std::optional<ChosenMotion>>;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //

@@ -42,12 +42,13 @@ struct ChosenMotion {
   bool HasDistance() const { return !candidate.free_direction.has_value(); }
 };
 
-struct MotionChoice {
-  // Per step.
-  std::vector<std::optional<ChosenMotion>> motions;
-  std::vector<double> margins;
+// Per step.
+using ChosenMotions = std::vector<std::optional<ChosenMotion>>;
 
-  double cost = 0.0;  // of all steps
+struct MotionChoice {
+  ChosenMotions motions;
+  std::vector<double> margins;  // per step
+  double cost = 0.0;            // of all steps
 };
 
 // Steps that are not doubtful must have a motion if they have candidates.

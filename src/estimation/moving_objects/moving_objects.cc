@@ -26,71 +26,60 @@ namespace mgsfm {
 namespace {
 
 using Eigen::Vector3d;
-using FramePair = FramePairIndex::FramePair;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
 // An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
-// Minimum number of matches of a pair whose pose the path predicts; other pairs
-// need more. docs/results/constants.md compares 5 to 15 on weak drives.
-constexpr int kMinNumPredicted = 8;
 // A smaller fraction of contradicting matches does not bias a relative pose.
 constexpr double kMaxContradicting = 0.1;
 
-// Whether a frame of the pair is next to a doubtful step.
-bool IsDoubtful(const MotionProblem& problem, const RigPath& path,
-                size_t pair_idx) {
-  const FramePair& frames = problem.index.Of(pair_idx);
+bool IsDoubtful(const RigPath& path, const FramePair& frames) {
   return path.is_doubtful[frames.frame_idx1] ||
          path.is_doubtful[frames.frame_idx2];
 }
 
-// Per pair of frames, the motion from frame 1 to frame 2; nullopt unless the
-// path measures it.
-using PlacedPairs = std::vector<std::optional<MeasuredMotion>>;
-
-// Motions are refined next to objects. Where no match measures a motion between
-// the frames, their pairs have no expected pose.
-PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
-                        const Context& context) {
-  const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
-  PlacedPairs placed(frame_pairs.size());
-  ParallelFor(placed.size(), context.num_threads, [&](size_t i) {
-    const FramePair& frames = frame_pairs[i];
-    if (!frames.IsBetweenFrames() || !problem.index.AreNeighbors(frames) ||
-        !path.IsComparable(frames.frame_idx1, frames.frame_idx2)) {
-      return;
-    }
-    int earlier = frames.frame_idx1, later = frames.frame_idx2;
-    const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
-    if (is_reversed) std::swap(earlier, later);
-    std::optional<MeasuredMotion> refined;
-    if (path.is_doubtful[earlier] || path.is_doubtful[later]) {
-      refined = RefineMotion(problem, path, earlier, later);
-    }
-    if (!refined && path.group[earlier] != path.group[later]) return;
-    const MeasuredMotion motion =
-        refined ? *refined : path.MeasuredBetween(earlier, later);
-    placed[i] = is_reversed ? motion.Inverse() : motion;
-  });
-  return placed;
+// The motion from frame 1 to frame 2 of neighbors, refined next to objects.
+// nullopt unless the path measures it, or interpolates it if that is enough.
+std::optional<MeasuredMotion> MotionBetween(const MotionProblem& problem,
+                                            const RigPath& path,
+                                            const FramePair& frames,
+                                            bool is_interpolated) {
+  int earlier = frames.frame_idx1, later = frames.frame_idx2;
+  if (!frames.IsBetweenFrames() || !problem.index.AreNeighbors(frames) ||
+      !path.IsComparable(earlier, later)) {
+    return std::nullopt;
+  }
+  const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
+  if (is_reversed) std::swap(earlier, later);
+  std::optional<MeasuredMotion> motion;
+  if (!is_interpolated && IsDoubtful(path, frames)) {
+    motion = RefineMotion(problem, path, earlier, later);
+  }
+  if (!motion &&
+      (is_interpolated || path.group[earlier] == path.group[later])) {
+    motion = path.MeasuredBetween(earlier, later);
+  }
+  return motion && is_reversed ? motion->Inverse() : motion;
 }
 
-// Predicts only pairs of sensors with known poses in the rig.
+// Predicts only pairs of sensors with known poses in the rig. Where no match
+// measures a motion between the frames, their pairs have no expected pose.
 std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
                                       const RigPath& path,
                                       const Context& context) {
-  const PlacedPairs placed = PlaceFrames(problem, path, context);
-  std::vector<ExpectedPair> expected;
-  for (size_t f = 0; f < placed.size(); ++f) {
-    if (!placed[f]) continue;
-    const FramePair& frames = problem.index.frame_pairs()[f];
+  const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
+  std::vector<std::vector<ExpectedPair>> of_frames(frame_pairs.size());
+  ParallelFor(frame_pairs.size(), context.num_threads, [&](size_t f) {
+    const FramePair& frames = frame_pairs[f];
+    const auto motion = MotionBetween(problem, path, frames, false);
+    if (!motion) return;
     for (const size_t i : frames.pair_idxs) {
-      const auto pair = ExpectPair(problem, i, frames.frame_idx1, *placed[f]);
-      if (pair) expected.push_back(*pair);
+      const auto pair = ExpectPair(problem, i, frames.frame_idx1, *motion);
+      if (pair) of_frames[f].push_back(*pair);
     }
-  }
+  });
+  std::vector<ExpectedPair> expected = Concatenated(of_frames);
   SortBy(&expected, [](const auto& a) { return a.pair_idx; });
   return expected;
 }
@@ -98,6 +87,17 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
 // The pair of the same images with all matches.
 const ImagePair& SourceOf(const MotionProblem& problem, const ImagePair& pair) {
   return *FindPair(problem.matches, pair.image_idx1, pair.image_idx2);
+}
+
+// Compares matches with the expected pose of their images.
+auto ComparisonWith(const MotionProblem& problem,
+                    const ExpectedPair& expected) {
+  return [&problem, &expected,
+          tolerance_rad = ToleranceOf(problem, expected)](const Match& match) {
+    return CompareWithMotion(problem.bearings, problem.depths,
+                             problem.view_graph.pairs[expected.pair_idx], match,
+                             expected.cam2_from_cam1, tolerance_rad);
+  };
 }
 
 // Keypoints on moving objects: most of their matches contradict the expected
@@ -112,44 +112,46 @@ class MovingKeypoints {
     for (const ExpectedPair& e : expected) Count(problem, e);
   }
 
-  bool Contains(int image_idx, uint32_t keypoint_idx) const {
-    const std::vector<int>& balance = balance_[image_idx];
-    return !balance.empty() && balance[keypoint_idx] >= kMinBalance;
+  // Whether a keypoint of a match moves, or rests.
+  bool Moves(const ImagePair& pair, const Match& match) const {
+    return Balance(pair.image_idx1, match.keypoint_idx1) >= kMinBalance ||
+           Balance(pair.image_idx2, match.keypoint_idx2) >= kMinBalance;
   }
-  bool IsStatic(int image_idx, uint32_t keypoint_idx) const {
-    const std::vector<int>& balance = balance_[image_idx];
-    return !balance.empty() && balance[keypoint_idx] <= -kMinBalance;
+  bool Rests(const ImagePair& pair, const Match& match) const {
+    return Balance(pair.image_idx1, match.keypoint_idx1) <= -kMinBalance ||
+           Balance(pair.image_idx2, match.keypoint_idx2) <= -kMinBalance;
   }
 
  private:
+  int Balance(int image_idx, uint32_t keypoint_idx) const {
+    const std::vector<int>& balance = balance_[image_idx];
+    return balance.empty() ? 0 : balance[keypoint_idx];
+  }
+
   void Count(const MotionProblem& problem, const ExpectedPair& expected) {
-    const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-    const double tolerance_rad = ToleranceOf(problem, expected);
-    for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
+    const ImagePair& source =
+        SourceOf(problem, problem.view_graph.pairs[expected.pair_idx]);
+    for (const int image_idx : {source.image_idx1, source.image_idx2}) {
       balance_[image_idx].resize(
           problem.scene.images[image_idx].keypoints_px.size(), 0);
     }
-    const auto count = [&](const Match& match, MatchVerdict counted,
-                           int change) {
-      if (CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                            expected.cam2_from_cam1,
-                            tolerance_rad) != counted) {
-        return;
+    const auto compare = ComparisonWith(problem, expected);
+    for (const auto* matches : {&source.matches, &source.outliers}) {
+      for (const Match& match : *matches) {
+        const MatchVerdict verdict = compare(match);
+        int change = 0;
+        if (verdict == MatchVerdict::kAgrees) change = -1;
+        if (verdict == MatchVerdict::kContradicts &&
+            matches == &source.matches) {
+          change = 1;
+        }
+        balance_[source.image_idx1][match.keypoint_idx1] += change;
+        balance_[source.image_idx2][match.keypoint_idx2] += change;
       }
-      balance_[pair.image_idx1][match.keypoint_idx1] += change;
-      balance_[pair.image_idx2][match.keypoint_idx2] += change;
-    };
-    const ImagePair& source = SourceOf(problem, pair);
-    for (const Match& match : source.matches) {
-      count(match, MatchVerdict::kAgrees, -1);
-      count(match, MatchVerdict::kContradicts, 1);
-    }
-    for (const Match& match : source.outliers) {
-      count(match, MatchVerdict::kAgrees, -1);
     }
   }
 
-  std::vector<std::vector<int>> balance_;
+  std::vector<std::vector<int>> balance_;  // contradicting less agreeing ones
 };
 
 // The matches of a pair, verified or not, that agree with the path.
@@ -157,19 +159,12 @@ std::vector<Match> AgreeingMatches(const MotionProblem& problem,
                                    const MovingKeypoints& moving,
                                    const ExpectedPair& expected,
                                    const ImagePair& pair) {
-  const double tolerance_rad = ToleranceOf(problem, expected);
-  std::vector<Match> agreeing;
-  for (const auto* matches : {&pair.matches, &pair.outliers}) {
-    for (const Match& match : *matches) {
-      if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
-          !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&
-          CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                            expected.cam2_from_cam1,
-                            tolerance_rad) != MatchVerdict::kContradicts) {
-        agreeing.push_back(match);
-      }
-    }
-  }
+  const auto compare = ComparisonWith(problem, expected);
+  std::vector<Match> agreeing = AllMatches(pair);
+  EraseIf(&agreeing, [&](const Match& match) {
+    return moving.Moves(pair, match) ||
+           compare(match) == MatchVerdict::kContradicts;
+  });
   return agreeing;
 }
 
@@ -239,7 +234,7 @@ std::vector<ExpectedPair> SelectDoubtful(
     const std::vector<ExpectedPair>& expected) {
   std::vector<ExpectedPair> near;
   for (const ExpectedPair& e : expected) {
-    if (IsDoubtful(problem, path, e.pair_idx)) near.push_back(e);
+    if (IsDoubtful(path, problem.index.Of(e.pair_idx))) near.push_back(e);
   }
   const MovingKeypoints moving(problem, near);
   std::vector<ExpectedPair> doubtful;
@@ -257,63 +252,18 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
-// Whether most matches of a pair whose depth is known agree with a motion.
-bool MostDepthsAgree(const MotionProblem& problem,
-                     const ExpectedPair& expected) {
-  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-  const double tolerance_rad = ToleranceOf(problem, expected);
-  size_t num_agreeing = 0, num_contradicting = 0;
-  for (const Match& match : pair.matches) {
-    switch (CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                              expected.cam2_from_cam1, tolerance_rad)) {
-      case MatchVerdict::kAgrees:
-        ++num_agreeing;
-        break;
-      case MatchVerdict::kContradicts:
-        ++num_contradicting;
-        break;
-      case MatchVerdict::kIsOnEpipolarLine:
-        break;
-    }
-  }
-  return num_agreeing > num_contradicting;
-}
-
+// Whether a pair agrees with the path by its pose, and by most of its matches
+// whose depth is known.
 bool AgreesInPoseAndDepths(const MotionProblem& problem, const RigPath& path,
                            const ExpectedPair& expected) {
-  return AgreesWithPath(problem, path,
-                        problem.view_graph.pairs[expected.pair_idx],
-                        expected) &&
-         MostDepthsAgree(problem, expected);
-}
-
-// Pairs that agree with the path by their poses, and by most of their matches
-// with depth, are not discontinuous.
-void KeepAgreeing(const MotionProblem& problem, const RigPath& path,
-                  const std::vector<ExpectedPair>& expected,
-                  Mask* pair_is_discontinuous) {
-  for (const ExpectedPair& e : expected) {
-    if ((*pair_is_discontinuous)[e.pair_idx] &&
-        AgreesInPoseAndDepths(problem, path, e)) {
-      (*pair_is_discontinuous)[e.pair_idx] = false;
-    }
-  }
-}
-
-// Whether a pair of neighbors agrees with the path, which may be interpolated
-// between its frames.
-bool FollowsPath(const MotionProblem& problem, const RigPath& path,
-                 size_t pair_idx) {
-  const FramePair& frames = problem.index.Of(pair_idx);
-  const int a = frames.frame_idx1, b = frames.frame_idx2;
-  if (!problem.index.AreNeighbors(frames) || !path.IsComparable(a, b)) {
-    return false;
-  }
-  const auto expected = ExpectPair(problem, pair_idx, a,
-                                   problem.index.order()->IsBefore(b, a)
-                                       ? path.MeasuredBetween(b, a).Inverse()
-                                       : path.MeasuredBetween(a, b));
-  return expected && AgreesInPoseAndDepths(problem, path, *expected);
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  if (!AgreesWithPath(problem, path, pair, expected)) return false;
+  const std::vector<MatchVerdict> verdicts =
+      Transformed(pair.matches, ComparisonWith(problem, expected));
+  const auto count = [&](MatchVerdict verdict) {
+    return std::count(verdicts.begin(), verdicts.end(), verdict);
+  };
+  return count(MatchVerdict::kAgrees) > count(MatchVerdict::kContradicts);
 }
 
 // Pairs of frames between which no match measures the motion show an object if
@@ -327,23 +277,25 @@ void RejectObjects(const MotionProblem& problem, const RigPath& path,
   Mask is_expected(pair_is_discontinuous->size(), false);
   for (const ExpectedPair& e : expected) is_expected[e.pair_idx] = true;
   for (size_t i = 0; i < is_expected.size(); ++i) {
-    if (is_expected[i] || !problem.index.Of(i).IsBetweenFrames() ||
-        !IsDoubtful(problem, path, i)) {
+    const FramePair& frames = problem.index.Of(i);
+    if (is_expected[i] || !frames.IsBetweenFrames() ||
+        !IsDoubtful(path, frames)) {
       continue;
     }
     const ImagePair& pair = problem.view_graph.pairs[i];
     int num_moving = 0, num_static = 0;
     for (const Match& match : pair.matches) {
-      const bool moves =
-          moving.Contains(pair.image_idx1, match.keypoint_idx1) ||
-          moving.Contains(pair.image_idx2, match.keypoint_idx2);
-      const bool rests =
-          moving.IsStatic(pair.image_idx1, match.keypoint_idx1) ||
-          moving.IsStatic(pair.image_idx2, match.keypoint_idx2);
+      const bool moves = moving.Moves(pair, match);
+      const bool rests = moving.Rests(pair, match);
       num_moving += moves && !rests ? 1 : 0;
       num_static += rests && !moves ? 1 : 0;
     }
-    if (num_moving > num_static && !FollowsPath(problem, path, i)) {
+    if (num_moving <= num_static) continue;
+    const auto motion = MotionBetween(problem, path, frames, true);
+    const auto by_path =
+        motion ? ExpectPair(problem, i, frames.frame_idx1, *motion)
+               : std::nullopt;
+    if (!by_path || !AgreesInPoseAndDepths(problem, path, *by_path)) {
       (*pair_is_discontinuous)[i] = true;
     }
   }
@@ -353,9 +305,7 @@ void RejectObjects(const MotionProblem& problem, const RigPath& path,
 // deviation is within the tolerance of motions that agree.
 bool HasLength(const ExpectedPair& expected) {
   const Vector3d& baseline = expected.cam2_from_cam1.translation;
-  return std::sqrt(std::max(
-             0.0, VarianceAlong(expected.covariance.bottomRightCorner<3, 3>(),
-                                baseline))) <=
+  return SigmaAlong(expected.covariance.bottomRightCorner<3, 3>(), baseline) <=
          kRelativeTolerance * baseline.norm();
 }
 
@@ -371,7 +321,7 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
                               problem.index.Of(i).frame_idx1, {});
   }
   for (const ExpectedPair& e : expected) {
-    if (IsDoubtful(problem, path, e.pair_idx) && HasLength(e)) {
+    if (IsDoubtful(path, problem.index.Of(e.pair_idx)) && HasLength(e)) {
       poses[e.pair_idx] = e.cam2_from_cam1;
     }
   }
@@ -395,15 +345,21 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   Mask is_discontinuous(num_pairs, false);
   for (const ExpectedPair& e : judged) is_discontinuous[e.pair_idx] = true;
   ViewGraphOptions of_prediction = verification;
-  of_prediction.min_num_inliers =
-      std::min(*verification.min_num_inliers, kMinNumPredicted);
+  // Other pairs need more matches than one whose pose the path predicts.
+  of_prediction.min_num_inliers = std::min(*verification.min_num_inliers,
+                                           static_cast<int>(kMinNumAgreeing));
   // The second round starts from the poses of the first.
   for (int round = 0; round < 2; ++round) {
     judged = VerifyPairs(problem, path, judged, of_prediction, context,
                          &motion.pair_of_scene);
   }
   for (const ExpectedPair& e : judged) is_discontinuous[e.pair_idx] = false;
-  KeepAgreeing(problem, path, expected, &is_discontinuous);
+  for (const ExpectedPair& e : expected) {
+    if (is_discontinuous[e.pair_idx] &&
+        AgreesInPoseAndDepths(problem, path, e)) {
+      is_discontinuous[e.pair_idx] = false;
+    }
+  }
   RejectObjects(problem, path, expected, &is_discontinuous);
   Reject(is_discontinuous, RejectionReason::kDiscontinuousMotion,
          &motion.verdicts);
@@ -421,7 +377,7 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
     const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
     const auto& length = lengths[e.pair_idx];
     is_discontinuous[e.pair_idx] =
-        length && IsDoubtful(problem, path, e.pair_idx) &&
+        length && IsDoubtful(path, problem.index.Of(e.pair_idx)) &&
         IsOfOneSensor(problem.scene, pair) &&
         !AgreesWithPath(problem, path, pair, e, length);
   }
@@ -448,30 +404,13 @@ void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
 double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
                          double max_error_px) {
   std::vector<double> displacements;
-  for (size_t i = 0; i < depths.distances.size(); ++i) {
+  for (size_t i = 0; i < depths.keypoints.size(); ++i) {
     const double error_rad = ErrorRad(scene, static_cast<int>(i), max_error_px);
-    for (const auto& distance : depths.distances[i]) {
-      if (distance) displacements.push_back(error_rad * *distance);
+    for (const auto& depth : depths.keypoints[i]) {
+      if (depth) displacements.push_back(error_rad * depth->distance);
     }
   }
   return displacements.empty() ? 0.0 : Median(std::move(displacements));
-}
-
-// Requires problem.noise_displacement.
-RigPath FindPathByDepths(const MotionProblem& problem, const Context& context) {
-  const MotionEvidence evidence{
-      [&](int earlier, int later) {
-        return FindHypothesesByDepths(problem, context.random_seed, earlier,
-                                      later);
-      },
-      [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
-        return ExclusionOf(problem, earlier, later, a, b);
-      },
-      [&](int earlier, int later, const Rigid3& motion) {
-        return RefineByDepths(problem, earlier, later, motion);
-      }};
-  return FindRigPath(*problem.index.order(), problem.index.num_frames(),
-                     evidence, context.num_threads);
 }
 
 // nullopt without depths, and if they are no evidence of motions.
@@ -493,7 +432,19 @@ std::optional<MotionOfScene> FindByDepths(const MotionInput& input,
                         options.filtering.max_relative_baseline_error};
   problem.noise_displacement =
       NoiseDisplacement(input.scene, depths, max_error_px);
-  *path = FindPathByDepths(problem, context);
+  const MotionEvidence evidence{
+      [&](int earlier, int later) {
+        return FindHypothesesByDepths(problem, context.random_seed, earlier,
+                                      later);
+      },
+      [&](int earlier, int later, const Rigid3& a, const Rigid3& b) {
+        return ExclusionOf(problem, earlier, later, a, b);
+      },
+      [&](int earlier, int later, const Rigid3& motion) {
+        return RefineByDepths(problem, earlier, later, motion);
+      }};
+  *path = FindRigPath(*input.index.order(), input.index.num_frames(), evidence,
+                      context.num_threads);
   if (path->noise.depths_contradict_pairs) return std::nullopt;
   return JudgeByMatches(problem, RefinePath(problem, *path),
                         options.verification, context);
@@ -502,7 +453,7 @@ std::optional<MotionOfScene> FindByDepths(const MotionInput& input,
 // Rotations of the sensors, without lever arms and depths.
 FrameDepths RotationsOfSensors(const MotionInput& input) {
   FrameDepths depths;
-  depths.distances.resize(input.scene.images.size());
+  depths.keypoints.resize(input.scene.images.size());
   for (const auto& rotation : input.rotations.sensor_from_rig) {
     auto& cam_from_rig = depths.cam_from_rig.emplace_back();
     if (rotation) cam_from_rig = {*rotation, Vector3d::Zero()};

@@ -14,15 +14,9 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using FramePair = FramePairIndex::FramePair;
 
 // docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// A pair contradicts the path beyond this angle: the error of pairs with the
-// minimum number of matches.
-constexpr double kMaxRotationError_rad = DegToRad(1.0);
-// Displacements below this fraction of the median step are noise.
-constexpr double kMinDisplacement = 0.2;
 // Maximum baseline error, relative to the length, of pairs that support a
 // motion by their own poses. Half and twice the value change errors by at most
 // 2 %.
@@ -37,21 +31,8 @@ constexpr double kMaxAmbiguous = 0.1;
 
 // Shorter displacements are noise.
 double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
-  return std::max(kMinDisplacement * path.noise.median_step,
+  return std::max(kRelativeTolerance * path.noise.median_step,
                   problem.noise_displacement);
-}
-
-// The standard deviation along an error.
-double SigmaAlong(const Matrix3d& covariance, const Vector3d& error) {
-  return std::sqrt(std::max(0.0, VarianceAlong(covariance, error)));
-}
-
-// A copy with strict tolerances: pairs support a motion only if they are close
-// to it.
-MotionProblem Strict(const MotionProblem& problem) {
-  MotionProblem strict = problem;
-  strict.max_relative_baseline_error = kMaxSupportError;
-  return strict;
 }
 
 // The number of matches in pairs whose own poses agree with a motion between
@@ -64,7 +45,9 @@ size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
   const Rigid3 motion = frames->frame_idx1 == earlier
                             ? later_from_earlier
                             : later_from_earlier.Inverse();
-  const MotionProblem strict = Strict(problem);
+  // Pairs support a motion only if they are close to it.
+  MotionProblem strict = problem;
+  strict.max_relative_baseline_error = kMaxSupportError;
   size_t num_matches = 0;
   for (const size_t i : frames->pair_idxs) {
     const ImagePair& pair = problem.view_graph.pairs[i];
@@ -76,25 +59,6 @@ size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
     }
   }
   return num_matches;
-}
-
-// The frames adjacent to the steps.
-Mask FramesBeside(const TemporalOrder& order, const RigPath& path) {
-  Mask is_beside(path.of_frame.size(), false);
-  int num_steps = 0, num_ambiguous = 0;
-  for (const std::vector<int>& sequence : order.sequences()) {
-    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
-      ++num_steps;
-      if (!path.IsAmbiguousBetween(sequence[k], sequence[k + 1])) continue;
-      ++num_ambiguous;
-      is_beside[sequence[k]] = true;
-      is_beside[sequence[k + 1]] = true;
-    }
-  }
-  if (num_ambiguous > kMaxAmbiguous * num_steps) {
-    return Mask(is_beside.size(), false);
-  }
-  return is_beside;
 }
 
 }  // namespace
@@ -144,8 +108,8 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
   const RelativePose& pose = *pair.relative_pose;
   const Vector3d turn_error = LogSO3(
       pose.cam2_from_cam1 * expected.cam2_from_cam1.rotation.conjugate());
-  const double max_turn_error =
-      kMaxRotationError_rad + path.RotationToleranceRad();
+  // Two measurements differ by the noise of the recording, too.
+  const double max_turn_error = kMaxAngle_rad + 2.0 * path.noise.rotation_rad;
   const double min_error = MinDisplacement(problem, path);
   const Vector3d& translation = expected.cam2_from_cam1.translation;
   const Vector3d direction =
@@ -157,10 +121,18 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
   const double max_error =
       std::max(min_error, problem.max_relative_baseline_error *
                               std::max(measured, translation.norm()));
-  if (turn_error.norm() <= max_turn_error &&
-      (!has_direction || error.norm() <= max_error)) {
-    return true;
-  }
+  const auto is_within = [&](const PoseMatrix& covariance) {
+    return turn_error.norm() <=
+               max_turn_error + kNumSigmasOfMatch *
+                                    SigmaAlong(covariance.topLeftCorner<3, 3>(),
+                                               turn_error) &&
+           (!has_direction ||
+            error.norm() <=
+                max_error + kNumSigmasOfMatch *
+                                SigmaAlong(covariance.bottomRightCorner<3, 3>(),
+                                           error));
+  };
+  if (is_within(PoseMatrix::Zero())) return true;
   PoseMatrix covariance = expected.covariance;
   if (pose.translation_direction) {
     PoseMatrix of_pair = CovarianceOf(problem, pair);
@@ -171,15 +143,7 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
     covariance.bottomRightCorner<3, 3>() +=
         length->sigma * length->sigma * Matrix3d::Identity();
   }
-  return turn_error.norm() <=
-             max_turn_error +
-                 kNumSigmasOfMatch *
-                     SigmaAlong(covariance.topLeftCorner<3, 3>(), turn_error) &&
-         (!has_direction ||
-          error.norm() <=
-              max_error +
-                  kNumSigmasOfMatch *
-                      SigmaAlong(covariance.bottomRightCorner<3, 3>(), error));
+  return is_within(covariance);
 }
 
 std::optional<MeasuredMotion> RefineMotion(const MotionProblem& problem,
@@ -187,7 +151,8 @@ std::optional<MeasuredMotion> RefineMotion(const MotionProblem& problem,
                                            int later) {
   const Rigid3 expected = path.Between(earlier, later);
   auto refined = RefineByDepths(problem, earlier, later, expected);
-  if (!refined || !path.AreSimilar(refined->later_from_earlier, expected) ||
+  if (!refined ||
+      !AreEqualMotions({refined->later_from_earlier}, {expected}, path.noise) ||
       SupportByPairs(problem, path, earlier, later,
                      refined->later_from_earlier) <
           SupportByPairs(problem, path, earlier, later, expected)) {
@@ -222,15 +187,25 @@ RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
 
 AmbiguousSteps FindAmbiguousSteps(const FramePairIndex& index,
                                   const RigPath& path) {
-  AmbiguousSteps steps{Mask(index.num_pairs(), false),
-                       FramesBeside(*index.order(), path)};
-  if (!steps.frame_is_beside.Any()) return steps;
-  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
-    if (!index.AreNeighbors(frames) ||
-        !path.IsAmbiguousBetween(frames.frame_idx1, frames.frame_idx2)) {
-      continue;
+  const AmbiguousSteps none{Mask(index.num_pairs(), false),
+                            Mask(index.num_frames(), false)};
+  AmbiguousSteps steps = none;
+  int num_steps = 0, num_ambiguous = 0;
+  for (const std::vector<int>& sequence : index.order()->sequences()) {
+    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
+      ++num_steps;
+      if (!path.IsAmbiguousBetween(sequence[k], sequence[k + 1])) continue;
+      ++num_ambiguous;
+      steps.frame_is_beside[sequence[k]] = true;
+      steps.frame_is_beside[sequence[k + 1]] = true;
     }
-    for (const size_t i : frames.pair_idxs) steps.pair_is_across[i] = true;
+  }
+  if (num_ambiguous > kMaxAmbiguous * num_steps) return none;
+  for (size_t i = 0; i < index.num_pairs(); ++i) {
+    const FramePair& frames = index.Of(i);
+    steps.pair_is_across[i] =
+        index.AreNeighbors(frames) &&
+        path.IsAmbiguousBetween(frames.frame_idx1, frames.frame_idx2);
   }
   return steps;
 }

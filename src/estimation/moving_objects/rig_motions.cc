@@ -60,14 +60,13 @@ CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
     int source = static_cast<int>(match.keypoint_idx1);
     int target = static_cast<int>(match.keypoint_idx2);
     if (is_reversed) std::swap(source, target);
-    if (!depths.IsKnown(from, source) || !input.bearings.HasRay(to, target)) {
-      continue;
-    }
+    const KeypointDepth* depth = depths.Find(from, source);
+    if (depth == nullptr || !input.bearings.HasRay(to, target)) continue;
     const Vector3d in_source =
-        *depths.distances[from][source] * input.bearings.Ray(from, source);
+        depth->distance * input.bearings.Ray(from, source);
     points.points.push_back(rig_from_source * in_source);
     points.rays.push_back(input.bearings.Ray(to, target));
-    points.depth_sigmas.emplace_back(depths.RelativeSigma(from, source) *
+    points.depth_sigmas.emplace_back(depth->relative_sigma *
                                      (rig_from_source.rotation * in_source));
   }
   return points;
@@ -163,8 +162,7 @@ double MedianDistance(const std::vector<Vector3d>& points,
 // Per motion, the errors of all correspondences.
 using MotionErrors = std::vector<std::vector<double>>;
 
-// The shares count correspondences of verified matches, and those outliers of
-// verification that agree with any motion: others are mismatches.
+// Outliers of verification that agree with no motion are mismatches.
 void CountShares(const Correspondences& all, const MotionErrors& errors,
                  StepHypotheses* motions) {
   const size_t num_all = CountRays(all.cameras);
@@ -194,10 +192,8 @@ void CountShares(const Correspondences& all, const MotionErrors& errors,
 void MeasureReach(const Correspondences& all, const MotionErrors& errors,
                   StepHypotheses* motions) {
   if (motions->size() < 2) return;
-  std::vector<Vector3d> points;
-  for (const CameraPoints& camera : all.cameras) {
-    points.insert(points.end(), camera.points.begin(), camera.points.end());
-  }
+  const std::vector<Vector3d> points =
+      Concatenated(Transformed(all.cameras, &CameraPoints::points));
   for (size_t h = 0; h < motions->size(); ++h) {
     std::vector<Vector3d> own;
     for (size_t k = 0; k < points.size(); ++k) {
@@ -226,8 +222,9 @@ bool IsOnEpipolarLine(const Rigid3& cam2_from_cam1, const Vector3d& ray1,
 }
 
 bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
-                     const Vector3d& ray_b, double distance_a,
-                     double relative_sigma, double tolerance_rad) {
+                     const Vector3d& ray_b, const KeypointDepth& depth_a,
+                     double tolerance_rad) {
+  const auto& [distance_a, relative_sigma] = depth_a;
   const Vector3d turned = b_from_a.rotation * ray_a;
   const Vector3d& t = b_from_a.translation;
   if (IsRayInlier(distance_a * turned + t, relative_sigma * distance_a * turned,
@@ -316,22 +313,16 @@ MatchVerdict CompareWithMotion(const Bearings& bearings,
   if (!IsOnEpipolarLine(cam2_from_cam1, ray1, ray2, tolerance_rad)) {
     return MatchVerdict::kContradicts;
   }
-  const bool is_known1 = depths.IsKnown(pair.image_idx1, k1);
-  const bool is_known2 = depths.IsKnown(pair.image_idx2, k2);
-  if (is_known1 && !AgreesWithDepth(cam2_from_cam1, ray1, ray2,
-                                    *depths.distances[pair.image_idx1][k1],
-                                    depths.RelativeSigma(pair.image_idx1, k1),
-                                    tolerance_rad)) {
+  const KeypointDepth* depth1 = depths.Find(pair.image_idx1, k1);
+  const KeypointDepth* depth2 = depths.Find(pair.image_idx2, k2);
+  if ((depth1 &&
+       !AgreesWithDepth(cam2_from_cam1, ray1, ray2, *depth1, tolerance_rad)) ||
+      (depth2 && !AgreesWithDepth(cam2_from_cam1.Inverse(), ray2, ray1, *depth2,
+                                  tolerance_rad))) {
     return MatchVerdict::kContradicts;
   }
-  if (is_known2 && !AgreesWithDepth(cam2_from_cam1.Inverse(), ray2, ray1,
-                                    *depths.distances[pair.image_idx2][k2],
-                                    depths.RelativeSigma(pair.image_idx2, k2),
-                                    tolerance_rad)) {
-    return MatchVerdict::kContradicts;
-  }
-  return is_known1 || is_known2 ? MatchVerdict::kAgrees
-                                : MatchVerdict::kIsOnEpipolarLine;
+  return depth1 || depth2 ? MatchVerdict::kAgrees
+                          : MatchVerdict::kIsOnEpipolarLine;
 }
 
 }  // namespace mgsfm

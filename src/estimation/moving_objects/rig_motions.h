@@ -38,26 +38,28 @@ namespace mgsfm {
 
 // Fewer matches are no evidence of a motion of their own: three determine it,
 // and each of the others agrees by chance with a probability of about 1e-3.
+// docs/results/constants.md compares 5 to 15 matches of pairs on weak drives.
 inline constexpr size_t kMinNumAgreeing = 8;
+
+// The distance of a keypoint along its ray.
+struct KeypointDepth {
+  double distance = 0.0;
+  double relative_sigma = 0.0;  // standard deviation, relative to the distance
+};
 
 // What pairs within frames tell about cameras and keypoints, in one unit of
 // length.
 struct FrameDepths {
   // Per sensor; nullopt if no pair within a frame connects it with the others.
   std::vector<std::optional<Rigid3>> cam_from_rig;
-  // Per image and keypoint: distance along the ray. Empty for images without.
-  std::vector<std::vector<std::optional<double>>> distances;
-  // Standard deviations of the distances, relative to them. Empty if they are
-  // exact.
-  std::vector<std::vector<double>> relative_sigmas;
+  // Per image and keypoint. Empty for images without.
+  std::vector<std::vector<std::optional<KeypointDepth>>> keypoints;
 
-  bool IsKnown(int image_idx, int keypoint_idx) const {
-    return !distances[image_idx].empty() &&
-           distances[image_idx][keypoint_idx].has_value();
-  }
-  double RelativeSigma(int image_idx, int keypoint_idx) const {
-    return relative_sigmas.empty() ? 0.0
-                                   : relative_sigmas[image_idx][keypoint_idx];
+  // nullptr if it is not known.
+  const KeypointDepth* Find(int image_idx, size_t keypoint_idx) const {
+    const auto& depths = keypoints[image_idx];
+    return !depths.empty() && depths[keypoint_idx] ? &*depths[keypoint_idx]
+                                                   : nullptr;
   }
 };
 

@@ -33,17 +33,6 @@ std::optional<Vector3d> CommonDeviation(
   return common;
 }
 
-// Per frame: the previous frame of its sequence; nullopt for the first.
-std::vector<std::optional<int>> PreviousFrames(const FramePairIndex& index) {
-  std::vector<std::optional<int>> previous(index.num_frames());
-  for (const std::vector<int>& sequence : index.order()->sequences()) {
-    for (size_t k = 1; k < sequence.size(); ++k) {
-      previous[sequence[k]] = sequence[k - 1];
-    }
-  }
-  return previous;
-}
-
 // `deviation_of(pair_idx)` is from image 1 to image 2; nullopt for pairs that
 // do not count.
 template <class Function>
@@ -52,7 +41,6 @@ StepDeviations FindCommonDeviations(const PairEvidence& evidence,
   const FramePairIndex& index = evidence.index;
   StepDeviations common(index.num_frames());
   if (!index.is_sequence()) return common;
-  const std::vector<std::optional<int>> previous = PreviousFrames(index);
   // Per frame: the deviations of the pairs across the step to it.
   std::vector<std::vector<Vector3d>> across(index.num_frames());
   for (size_t i = 0; i < index.num_pairs(); ++i) {
@@ -68,7 +56,7 @@ StepDeviations FindCommonDeviations(const PairEvidence& evidence,
     int later = evidence.scene.images[pair.image_idx2].frame_idx;
     const bool is_in_order = index.order()->IsBefore(earlier, later);
     if (!is_in_order) std::swap(earlier, later);
-    for (int f = later; f != earlier; f = *previous[f]) {
+    for (int f = later; f != earlier; f = *index.order()->Previous(f)) {
       across[f].push_back(is_in_order ? *deviation : Vector3d(-*deviation));
     }
   }
@@ -81,11 +69,11 @@ StepDeviations FindCommonDeviations(const PairEvidence& evidence,
 // Per frame: the translation of the step to it, if both frames have a position.
 StepDeviations StepsOf(const FramePairIndex& index,
                        const std::vector<std::optional<Vector3d>>& center) {
-  const std::vector<std::optional<int>> previous = PreviousFrames(index);
   StepDeviations steps(center.size());
   for (size_t f = 0; f < steps.size(); ++f) {
-    if (previous[f] && center[f] && center[*previous[f]]) {
-      steps[f] = *center[f] - *center[*previous[f]];
+    const auto previous = index.order()->Previous(static_cast<int>(f));
+    if (previous && center[f] && center[*previous]) {
+      steps[f] = *center[f] - *center[*previous];
     }
   }
   return steps;
@@ -97,20 +85,6 @@ double MedianLength(const StepDeviations& steps) {
     if (step) lengths.push_back(step->norm());
   }
   return lengths.empty() ? 0.0 : Median(std::move(lengths));
-}
-
-std::optional<Vector3d> TurnOf(const Scene& scene, const ImagePair& pair,
-                               const RotationEstimate& rotations) {
-  const auto rotation1 = rotations.CamFromWorld(scene, pair.image_idx1);
-  const auto rotation2 = rotations.CamFromWorld(scene, pair.image_idx2);
-  const int frame_idx1 = scene.images[pair.image_idx1].frame_idx;
-  const int frame_idx2 = scene.images[pair.image_idx2].frame_idx;
-  if (!rotation1 || !rotation2 ||
-      rotations.component[frame_idx1] != rotations.component[frame_idx2]) {
-    return std::nullopt;
-  }
-  return LogSO3(rotation2->inverse() * pair.relative_pose->cam2_from_cam1 *
-                *rotation1);
 }
 
 }  // namespace
@@ -146,9 +120,15 @@ StepDeviations FindDisplacedSteps(
 
 Mask FindTurnedSteps(const PairEvidence& evidence,
                      const RotationEstimate& rotations) {
-  const StepDeviations turns = FindCommonDeviations(evidence, [&](size_t i) {
-    return TurnOf(evidence.scene, evidence.view_graph.pairs[i], rotations);
-  });
+  const StepDeviations turns =
+      FindCommonDeviations(evidence, [&](size_t i) -> std::optional<Vector3d> {
+        const ImagePair& pair = evidence.view_graph.pairs[i];
+        const auto of_images =
+            RotationsOfImages(evidence.scene, pair, rotations);
+        if (!of_images) return std::nullopt;
+        return LogSO3(of_images->second.inverse() *
+                      pair.relative_pose->cam2_from_cam1 * of_images->first);
+      });
   Mask is_turned(turns.size(), false);
   for (size_t f = 0; f < turns.size(); ++f) {
     is_turned[f] = turns[f] && turns[f]->norm() > kMinTurn_rad;

@@ -36,32 +36,6 @@ bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
 // The time from each frame to the next, in any unit; nullopt if it is unknown.
 using Intervals = std::vector<std::optional<double>>;
 
-Intervals SortByTime(const Scene& scene, std::vector<int>* frame_idxs) {
-  const auto time_of = [&](int i) { return TimeOfFrame(scene, i); };
-  StableSortBy(frame_idxs, time_of);
-  Intervals intervals;
-  for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
-    intervals.emplace_back(time_of((*frame_idxs)[k + 1]) -
-                           time_of((*frame_idxs)[k]));
-  }
-  return intervals;
-}
-
-Intervals SortByName(const Scene& scene, std::vector<int>* frame_idxs) {
-  const auto name_of = [&](int i) -> const std::string& {
-    return scene.frames[i].name;
-  };
-  std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
-    return IsNaturallyBefore(name_of(a), name_of(b));
-  });
-  Intervals intervals;
-  for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
-    intervals.push_back(NumberDifference(name_of((*frame_idxs)[k]),
-                                         name_of((*frame_idxs)[k + 1])));
-  }
-  return intervals;
-}
-
 // Divides intervals by their median; nonpositive intervals become unknown.
 Intervals Normalized(Intervals intervals) {
   std::vector<double> known;
@@ -89,66 +63,32 @@ void KeepCounts(Intervals* intervals) {
 
 // Sorts the frames of a rig.
 Intervals SortFrames(const Scene& scene, std::vector<int>* frame_idxs) {
-  if (HasTimes(scene, *frame_idxs)) {
-    return Normalized(SortByTime(scene, frame_idxs));
+  const bool has_times = HasTimes(scene, *frame_idxs);
+  const auto time_of = [&](int i) { return TimeOfFrame(scene, i); };
+  const auto name_of = [&](int i) -> const std::string& {
+    return scene.frames[i].name;
+  };
+  if (has_times) {
+    StableSortBy(frame_idxs, time_of);
+  } else {
+    std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
+      return IsNaturallyBefore(name_of(a), name_of(b));
+    });
   }
-  Intervals intervals = Normalized(SortByName(scene, frame_idxs));
-  KeepCounts(&intervals);
+  Intervals intervals;
+  for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
+    const int frame = (*frame_idxs)[k], next = (*frame_idxs)[k + 1];
+    if (has_times) {
+      intervals.emplace_back(time_of(next) - time_of(frame));
+    } else {
+      intervals.push_back(NumberDifference(name_of(frame), name_of(next)));
+    }
+  }
+  intervals = Normalized(std::move(intervals));
+  if (!has_times) KeepCounts(&intervals);
   return intervals;
 }
 
-}  // namespace
-
-TemporalOrder::TemporalOrder(const Scene& scene)
-    : rank_of_frame_(scene.frames.size()),
-      time_of_frame_(scene.frames.size(), 0.0),
-      is_after_break_(scene.frames.size(), false),
-      sequences_(scene.rigs.size()) {
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    const int rig_idx = scene.frames[i].rig_idx;
-    rig_of_frame_.push_back(rig_idx);
-    if (rig_idx >= static_cast<int>(sequences_.size())) {
-      sequences_.resize(rig_idx + 1);
-    }
-    sequences_[rig_idx].push_back(static_cast<int>(i));
-  }
-  for (std::vector<int>& frames : sequences_) {
-    const Intervals intervals = SortFrames(scene, &frames);
-    const bool are_unknown = NoneOf(
-        intervals, [](const auto& interval) { return interval.has_value(); });
-    for (size_t rank = 0; rank < frames.size(); ++rank) {
-      rank_of_frame_[frames[rank]] = static_cast<int>(rank);
-      if (rank == 0) continue;
-      const auto& interval = intervals[rank - 1];
-      const double duration = interval.value_or(1.0);
-      time_of_frame_[frames[rank]] =
-          time_of_frame_[frames[rank - 1]] + duration;
-      is_after_break_[frames[rank]] =
-          std::round(duration) > kMaxInterval || (!interval && !are_unknown);
-    }
-  }
-}
-
-std::vector<int> TemporalOrder::Neighbors(int frame_idx) const {
-  const std::vector<int>& frames = sequences_[rig_of_frame_[frame_idx]];
-  const auto rank = static_cast<size_t>(rank_of_frame_[frame_idx]);
-  std::vector<int> neighbors;
-  if (rank > 0) neighbors.push_back(frames[rank - 1]);
-  if (rank + 1 < frames.size()) neighbors.push_back(frames[rank + 1]);
-  return neighbors;
-}
-
-std::optional<int> TemporalOrder::Gap(int frame_idx1, int frame_idx2) const {
-  if (rig_of_frame_[frame_idx1] != rig_of_frame_[frame_idx2]) {
-    return std::nullopt;
-  }
-  return std::abs(rank_of_frame_[frame_idx1] - rank_of_frame_[frame_idx2]);
-}
-
-namespace {
-
-// One frame may be missing or blurred.
-constexpr int kMaxNeighborGap = 2;
 // The number of random permutations that may be as good as the order of a
 // sequence: a random order passes with probability 1 / 2,000. Eight frames
 // suffice.
@@ -162,11 +102,11 @@ struct FrameLink {
   bool are_neighbors = false;
 };
 
-std::vector<FrameLink> LinksOfRigs(
-    const std::vector<FramePairIndex::FramePair>& frame_pairs,
-    const std::vector<MatchedImages>& pairs, const TemporalOrder& order) {
+std::vector<FrameLink> LinksOfRigs(const std::vector<FramePair>& frame_pairs,
+                                   const std::vector<MatchedImages>& pairs,
+                                   const TemporalOrder& order) {
   std::vector<FrameLink> links;
-  for (const FramePairIndex::FramePair& frames : frame_pairs) {
+  for (const FramePair& frames : frame_pairs) {
     const auto gap = order.Gap(frames.frame_idx1, frames.frame_idx2);
     if (!frames.IsBetweenFrames() || !gap) continue;
     links.push_back(
@@ -287,18 +227,16 @@ bool IsSequence(const std::vector<FrameLink>& links, const TemporalOrder& order,
          IsOrderSignificant(Similarities(links, most), UnbrokenRuns(order));
 }
 
-// Per rig. `sequences` has the frames of each.
-std::vector<int> MeasureReaches(
-    const std::vector<FramePairIndex::FramePair>& frame_pairs,
-    const std::vector<int>& rig_of_frame,
-    const std::vector<std::vector<int>>& sequences) {
+// Per rig.
+std::vector<int> MeasureReaches(const std::vector<FramePair>& frame_pairs,
+                                const TemporalOrder& order) {
   std::vector<std::vector<size_t>> num_linked;  // per rig and gap
-  for (const std::vector<int>& frames : sequences) {
+  for (const std::vector<int>& frames : order.sequences()) {
     num_linked.emplace_back(std::max<size_t>(frames.size(), 1), 0);
   }
-  for (const FramePairIndex::FramePair& frames : frame_pairs) {
+  for (const FramePair& frames : frame_pairs) {
     if (!frames.time_gap) continue;
-    ++num_linked[rig_of_frame[frames.frame_idx1]][*frames.time_gap];
+    ++num_linked[order.RigOf(frames.frame_idx1)][*frames.time_gap];
   }
   std::vector<int> reaches;
   for (const std::vector<size_t>& linked : num_linked) {
@@ -319,6 +257,52 @@ std::vector<MatchedImages> CountMatches(const ViewGraph& view_graph) {
 }
 
 }  // namespace
+
+TemporalOrder::TemporalOrder(const Scene& scene)
+    : rank_of_frame_(scene.frames.size()),
+      time_of_frame_(scene.frames.size(), 0.0),
+      is_after_break_(scene.frames.size(), false),
+      sequences_(scene.rigs.size()) {
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const int rig_idx = scene.frames[i].rig_idx;
+    rig_of_frame_.push_back(rig_idx);
+    if (rig_idx >= static_cast<int>(sequences_.size())) {
+      sequences_.resize(rig_idx + 1);
+    }
+    sequences_[rig_idx].push_back(static_cast<int>(i));
+  }
+  for (std::vector<int>& frames : sequences_) {
+    const Intervals intervals = SortFrames(scene, &frames);
+    const bool are_unknown = NoneOf(
+        intervals, [](const auto& interval) { return interval.has_value(); });
+    for (size_t rank = 0; rank < frames.size(); ++rank) {
+      rank_of_frame_[frames[rank]] = static_cast<int>(rank);
+      if (rank == 0) continue;
+      const auto& interval = intervals[rank - 1];
+      const double duration = interval.value_or(1.0);
+      time_of_frame_[frames[rank]] =
+          time_of_frame_[frames[rank - 1]] + duration;
+      is_after_break_[frames[rank]] =
+          std::round(duration) > kMaxInterval || (!interval && !are_unknown);
+    }
+  }
+}
+
+std::vector<int> TemporalOrder::Neighbors(int frame_idx) const {
+  const std::vector<int>& frames = sequences_[rig_of_frame_[frame_idx]];
+  const auto rank = static_cast<size_t>(rank_of_frame_[frame_idx]);
+  std::vector<int> neighbors;
+  if (const auto previous = Previous(frame_idx)) neighbors.push_back(*previous);
+  if (rank + 1 < frames.size()) neighbors.push_back(frames[rank + 1]);
+  return neighbors;
+}
+
+std::optional<int> TemporalOrder::Gap(int frame_idx1, int frame_idx2) const {
+  if (rig_of_frame_[frame_idx1] != rig_of_frame_[frame_idx2]) {
+    return std::nullopt;
+  }
+  return std::abs(rank_of_frame_[frame_idx1] - rank_of_frame_[frame_idx2]);
+}
 
 FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
                                SequenceMode sequence)
@@ -358,17 +342,13 @@ FramePairIndex::FramePairIndex(const Scene& scene,
   for (FramePair& frames : frame_pairs_) {
     frames.time_gap = order_->Gap(frames.frame_idx1, frames.frame_idx2);
   }
-  for (const Frame& frame : scene.frames) {
-    rig_of_frame_.push_back(frame.rig_idx);
-  }
-  reaches_ = MeasureReaches(frame_pairs_, rig_of_frame_, order_->sequences());
+  reaches_ = MeasureReaches(frame_pairs_, *order_);
 }
 
 FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
                                const FramePairIndex& whole)
     : FramePairIndex(scene, view_graph, SequenceMode::kNo) {
   order_ = whole.order_;
-  rig_of_frame_ = whole.rig_of_frame_;
   reaches_ = whole.reaches_;
   if (!order_) return;
   for (FramePair& frames : frame_pairs_) {
@@ -376,8 +356,16 @@ FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
   }
 }
 
-const FramePairIndex::FramePair* FramePairIndex::Find(int frame_idx1,
-                                                      int frame_idx2) const {
+std::vector<FramePair> FramePairIndex::FramePairsOf(const Mask& pairs) const {
+  std::vector<FramePair> some = frame_pairs_;
+  for (FramePair& frames : some) {
+    EraseIf(&frames.pair_idxs, [&](size_t i) { return !pairs[i]; });
+  }
+  EraseIf(&some, [](const FramePair& f) { return f.pair_idxs.empty(); });
+  return some;
+}
+
+const FramePair* FramePairIndex::Find(int frame_idx1, int frame_idx2) const {
   const std::pair<int, int> wanted = std::minmax(frame_idx1, frame_idx2);
   const auto frames_of = [](const FramePair& frames) {
     return std::pair(frames.frame_idx1, frames.frame_idx2);

@@ -21,11 +21,18 @@ class TemporalOrder {
  public:
   explicit TemporalOrder(const Scene& scene);
 
+  int RigOf(int frame_idx) const { return rig_of_frame_[frame_idx]; }
   // 1 for consecutive frames; nullopt for frames of different rigs.
   std::optional<int> Gap(int frame_idx1, int frame_idx2) const;
   // Both frames must be of one rig.
   bool IsBefore(int frame_idx1, int frame_idx2) const {
     return rank_of_frame_[frame_idx1] < rank_of_frame_[frame_idx2];
+  }
+  // The frame before a frame of the same rig; nullopt for its first one.
+  std::optional<int> Previous(int frame_idx) const {
+    const int rank = rank_of_frame_[frame_idx];
+    if (rank == 0) return std::nullopt;
+    return sequences_[rig_of_frame_[frame_idx]][rank - 1];
   }
   // The frames before and after a frame of the same rig.
   std::vector<int> Neighbors(int frame_idx) const;
@@ -48,6 +55,9 @@ class TemporalOrder {
   std::vector<std::vector<int>> sequences_;
 };
 
+// Neighbors in a sequence, since one frame may be missing or blurred.
+inline constexpr int kMaxNeighborGap = 2;
+
 // The part of an ImagePair that the index needs.
 struct MatchedImages {
   int image_idx1 = 0;
@@ -55,22 +65,22 @@ struct MatchedImages {
   size_t num_matches = 0;
 };
 
+// All image pairs of two frames, or those within one frame.
+struct FramePair {
+  int frame_idx1 = 0;  // <= frame_idx2
+  int frame_idx2 = 0;
+  std::vector<size_t> pair_idxs;  // ascending; never empty
+  // Difference of the ranks of the frames in a sequence; nullopt if the frames
+  // are not of one sequence.
+  std::optional<int> time_gap = std::nullopt;
+
+  bool IsBetweenFrames() const { return frame_idx1 != frame_idx2; }
+};
+
 // The pairs of a view graph by the frames of their images. All rules of pair
 // filtering share one index.
 class FramePairIndex {
  public:
-  // All image pairs of two frames, or those within one frame.
-  struct FramePair {
-    int frame_idx1 = 0;  // <= frame_idx2
-    int frame_idx2 = 0;
-    std::vector<size_t> pair_idxs;  // ascending; never empty
-    // Difference of the ranks of the frames in a sequence; nullopt if the
-    // frames are not of one sequence.
-    std::optional<int> time_gap = std::nullopt;
-
-    bool IsBetweenFrames() const { return frame_idx1 != frame_idx2; }
-  };
-
   // `sequence` states whether the frames are in temporal order. Cost:
   // O(n log n) for n pairs.
   FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
@@ -90,7 +100,7 @@ class FramePairIndex {
   // which, at each gap, an image pair links at least half of
   // the pairs of frames. At least 1, and per rig.
   int Reach(const FramePair& frames) const {
-    return reaches_[rig_of_frame_[frames.frame_idx1]];
+    return reaches_[order_->RigOf(frames.frame_idx1)];
   }
   // The frames are of one sequence, and within its reach.
   bool AreNeighbors(const FramePair& frames) const {
@@ -103,6 +113,8 @@ class FramePairIndex {
   size_t num_pairs() const { return frame_pair_of_pair_.size(); }
   // Sorted by (frame_idx1, frame_idx2), each at most once.
   const std::vector<FramePair>& frame_pairs() const { return frame_pairs_; }
+  // The same with the image pairs of a mask only, for frames that have any.
+  std::vector<FramePair> FramePairsOf(const Mask& pairs) const;
   // The pair of two frames in any order; nullptr if no image pair has them.
   const FramePair* Find(int frame_idx1, int frame_idx2) const;
   const FramePair& Of(size_t pair_idx) const {
@@ -112,7 +124,6 @@ class FramePairIndex {
  private:
   int num_frames_ = 0;
   std::optional<TemporalOrder> order_;
-  std::vector<int> rig_of_frame_;
   std::vector<int> reaches_;  // per rig
   std::vector<FramePair> frame_pairs_;
   std::vector<size_t> frame_pair_of_pair_;  // per image pair

@@ -6,6 +6,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/ranges.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
@@ -17,28 +18,8 @@ namespace {
 // Bridges short gaps in the matches of a structure; affects the report only.
 constexpr int kMaxFrameGap = 3;
 
-// The rejected pairs of two frames.
-struct RejectedLink {
-  int frame_idx1;
-  int frame_idx2;
-  std::vector<size_t> pair_idxs;
-};
-
-std::vector<RejectedLink> CollectLinks(const FramePairIndex& index,
-                                       const Mask& pair_is_rejected) {
-  std::vector<RejectedLink> links;
-  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
-    RejectedLink link{frames.frame_idx1, frames.frame_idx2, {}};
-    for (const size_t i : frames.pair_idxs) {
-      if (pair_is_rejected[i]) link.pair_idxs.push_back(i);
-    }
-    if (!link.pair_idxs.empty()) links.push_back(std::move(link));
-  }
-  return links;
-}
-
 // `links` are sorted by their first frame.
-UnionFind JoinNeighbors(const std::vector<RejectedLink>& links) {
+UnionFind JoinNeighbors(const std::vector<FramePair>& links) {
   UnionFind sets(links.size());
   for (size_t i = 0; i < links.size(); ++i) {
     for (size_t k = i + 1; k < links.size(); ++k) {
@@ -56,12 +37,12 @@ UnionFind JoinNeighbors(const std::vector<RejectedLink>& links) {
 std::vector<RejectedGroup> GroupRejectedPairs(const FramePairIndex& index,
                                               const Mask& pair_is_rejected) {
   MGSFM_CHECK_EQ(pair_is_rejected.size(), index.num_pairs());
-  const std::vector<RejectedLink> links = CollectLinks(index, pair_is_rejected);
+  const std::vector<FramePair> links = index.FramePairsOf(pair_is_rejected);
   UnionFind sets = JoinNeighbors(links);
-  std::vector<RejectedGroup> group_of_set(links.size());
+  std::vector<RejectedGroup> groups(links.size());
   for (size_t i = 0; i < links.size(); ++i) {
-    const auto& [frame1, frame2, pair_idxs] = links[i];
-    RejectedGroup& group = group_of_set[sets.Find(i)];
+    const auto& [frame1, frame2, pair_idxs, time_gap] = links[i];
+    RejectedGroup& group = groups[sets.Find(i)];
     if (group.pair_idxs.empty()) group = {{}, frame1, frame1, frame2, frame2};
     group.pair_idxs.insert(group.pair_idxs.end(), pair_idxs.begin(),
                            pair_idxs.end());
@@ -70,17 +51,12 @@ std::vector<RejectedGroup> GroupRejectedPairs(const FramePairIndex& index,
     group.first_frame_idx2 = std::min(group.first_frame_idx2, frame2);
     group.last_frame_idx2 = std::max(group.last_frame_idx2, frame2);
   }
-  std::vector<RejectedGroup> groups;
-  for (RejectedGroup& group : group_of_set) {
-    if (!group.pair_idxs.empty()) groups.push_back(std::move(group));
-  }
-  std::stable_sort(groups.begin(), groups.end(),
-                   [](const RejectedGroup& a, const RejectedGroup& b) {
-                     return std::tuple(b.pair_idxs.size(), a.first_frame_idx1,
-                                       a.first_frame_idx2) <
-                            std::tuple(a.pair_idxs.size(), b.first_frame_idx1,
-                                       b.first_frame_idx2);
-                   });
+  EraseIf(&groups,
+          [](const RejectedGroup& group) { return group.pair_idxs.empty(); });
+  StableSortBy(&groups, [](const RejectedGroup& group) {
+    return std::tuple(-static_cast<std::ptrdiff_t>(group.pair_idxs.size()),
+                      group.first_frame_idx1, group.first_frame_idx2);
+  });
   return groups;
 }
 

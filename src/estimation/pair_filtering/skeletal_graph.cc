@@ -15,12 +15,9 @@
 namespace mgsfm {
 namespace {
 
-using FramePair = FramePairIndex::FramePair;
-
 // Rounds of selection in a sequence: pairs of frames up to this fraction of the
-// reach apart in time, at least two steps, since a frame may be missing.
+// reach apart in time, and at least neighbors.
 constexpr double kSharesOfReach[] = {0.2, 1.0};
-constexpr double kMinTimeGap = 2.0;
 
 // The skeleton selected so far, and the components of frames it connects.
 struct Skeleton {
@@ -36,12 +33,6 @@ struct Skeleton {
     components.Union(frames.frame_idx1, frames.frame_idx2);
   }
 };
-
-std::vector<int> NumMatchesOfPairs(const ViewGraph& view_graph) {
-  return Transformed(view_graph.pairs, [](const ImagePair& pair) {
-    return static_cast<int>(pair.matches.size());
-  });
-}
 
 // Per pair of images: the strength of its frames; 0 for pairs that are not
 // candidates or have no support of their own.
@@ -72,23 +63,13 @@ std::vector<double> ComputeStrengths(const FramePairIndex& index,
   return strengths;
 }
 
-void SelectPairsWithinFrames(const FramePairIndex& index,
-                             const Mask& pair_is_used, Skeleton* skeleton) {
-  for (size_t i = 0; i < pair_is_used.size(); ++i) {
-    if (pair_is_used[i] && !index.Of(i).IsBetweenFrames()) {
-      skeleton->is_selected[i] = true;
-    }
-  }
-}
-
 void SelectAll(const FramePairIndex& index,
                const std::vector<size_t>& pair_idxs, Skeleton* skeleton) {
   for (const size_t i : pair_idxs) skeleton->Select(i, index.Of(i));
 }
 
 // Erases the loops between two components that show another place than the
-// strongest one. All pairs of the skeleton count as right, but loops of several
-// places can contradict each other and the neighbors between them.
+// strongest one.
 void KeepStrongestPlaces(const FramePairIndex& index,
                          const std::vector<double>& strengths,
                          UnionFind* components,
@@ -182,8 +163,8 @@ std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
       for (size_t i = 0; i < is_near.size(); ++i) {
         const FramePair& frames = index.Of(i);
         if (!frames.time_gap ||
-            *frames.time_gap >
-                std::max(kMinTimeGap, share * index.Reach(frames))) {
+            *frames.time_gap > std::max<double>(kMaxNeighborGap,
+                                                share * index.Reach(frames))) {
           is_near[i] = false;
         }
       }
@@ -205,8 +186,12 @@ Mask SelectSkeletalGraph(const PairEvidence& evidence) {
     num_triplet_consistent =
         CountTripletConsistentMatches(view_graph, pair_is_used, num_threads);
   }
-  return SelectSkeletalGraph(index, NumMatchesOfPairs(view_graph),
-                             num_triplet_consistent, pair_is_used, options);
+  const std::vector<int> num_matches =
+      Transformed(view_graph.pairs, [](const ImagePair& pair) {
+        return static_cast<int>(pair.matches.size());
+      });
+  return SelectSkeletalGraph(index, num_matches, num_triplet_consistent,
+                             pair_is_used, options);
 }
 
 Mask SelectSkeletalGraph(const FramePairIndex& index,
@@ -218,7 +203,9 @@ Mask SelectSkeletalGraph(const FramePairIndex& index,
   MGSFM_CHECK_EQ(pair_is_used.size(), num_matches.size());
   Skeleton skeleton{Mask(pair_is_used.size(), false),
                     UnionFind(static_cast<size_t>(index.num_frames()))};
-  SelectPairsWithinFrames(index, pair_is_used, &skeleton);
+  for (size_t i = 0; i < pair_is_used.size(); ++i) {
+    skeleton.is_selected[i] = pair_is_used[i] && !index.Of(i).IsBetweenFrames();
+  }
   std::vector<std::vector<int>> supports;
   if (options.use_triplet_support) {
     MGSFM_CHECK_EQ(num_triplet_consistent.size(), num_matches.size());

@@ -4,114 +4,103 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <optional>
 #include <vector>
 
 #include "base/ranges.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
+#include "math/spanning_tree.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
 namespace {
 
 // Half is the breakdown point of a majority vote; a third keeps a margin.
 constexpr double kMaxRejectedShare = 1.0 / 3.0;
 
-TreePathLengths PathsThroughSkeleton(
-    const FramePairIndex& index, const ViewGraph& view_graph,
-    const Mask& is_in_skeleton,
-    const std::function<double(size_t)>& length_of_pair) {
+// `length_of_pair(pair_idx)` is the length of a pair of the skeletal graph that
+// connects two frames.
+template <class Function>
+TreePathLengths PathsThroughSkeleton(const PairEvidence& evidence,
+                                     const Mask& is_in_skeleton,
+                                     const Function& length_of_pair) {
   std::vector<GraphEdge> edges;
   std::vector<double> lengths;
   for (size_t i = 0; i < is_in_skeleton.size(); ++i) {
-    const FramePairIndex::FramePair& frames = index.Of(i);
+    const FramePair& frames = evidence.index.Of(i);
     if (!is_in_skeleton[i] || !frames.IsBetweenFrames()) continue;
-    edges.push_back({frames.frame_idx1, frames.frame_idx2,
-                     static_cast<double>(view_graph.pairs[i].matches.size())});
+    edges.push_back(
+        {frames.frame_idx1, frames.frame_idx2,
+         static_cast<double>(evidence.view_graph.pairs[i].matches.size())});
     lengths.push_back(length_of_pair(i));
   }
-  return {index.num_frames(), edges, lengths};
+  return {evidence.index.num_frames(), edges, lengths};
+}
+
+// The rejected pairs, or none if they are too many.
+Mask UnlessTooMany(Mask is_rejected, size_t num_judged) {
+  if (static_cast<double>(is_rejected.Count()) >
+      kMaxRejectedShare * static_cast<double>(num_judged)) {
+    is_rejected.assign(is_rejected.size(), false);
+  }
+  return is_rejected;
 }
 
 }  // namespace
 
-DriftBound::DriftBound(const FramePairIndex& index, const ViewGraph& view_graph,
-                       const Mask& is_in_skeleton,
-                       const std::function<double(size_t)>& length_of_pair,
-                       const Model& model)
-    : paths_(PathsThroughSkeleton(index, view_graph, is_in_skeleton,
-                                  length_of_pair)),
-      model_(model) {}
-
-double DriftBound::Of(const FramePairIndex::FramePair& frames) const {
-  const double length = paths_.Between(frames.frame_idx1, frames.frame_idx2);
-  const double growth =
-      model_.growth == DriftGrowth::kRandomWalk ? std::sqrt(length) : length;
-  return std::min(model_.rate * growth, model_.max);
-}
-
-bool RejectsTooMany(size_t num_rejected, size_t num_judged) {
-  return static_cast<double>(num_rejected) >
-         kMaxRejectedShare * static_cast<double>(num_judged);
-}
-
-namespace {
-
-// Angle between the measured relative rotation and the one of the skeleton;
-// nullopt if the skeleton does not connect the images.
-std::optional<double> DeviationFromSkeleton(
+std::optional<std::pair<Quaterniond, Quaterniond>> RotationsOfImages(
     const Scene& scene, const ImagePair& pair,
-    const RotationEstimate& by_skeleton) {
-  const auto rotation1 = by_skeleton.CamFromWorld(scene, pair.image_idx1);
-  const auto rotation2 = by_skeleton.CamFromWorld(scene, pair.image_idx2);
+    const RotationEstimate& rotations) {
+  const auto rotation1 = rotations.CamFromWorld(scene, pair.image_idx1);
+  const auto rotation2 = rotations.CamFromWorld(scene, pair.image_idx2);
   const auto component = [&](int image_idx) {
-    return by_skeleton.component[scene.images[image_idx].frame_idx];
+    return rotations.component[scene.images[image_idx].frame_idx];
   };
   if (!rotation1 || !rotation2 ||
       component(pair.image_idx1) != component(pair.image_idx2)) {
     return std::nullopt;
   }
-  return AngleBetween(pair.relative_pose->cam2_from_cam1 * *rotation1,
-                      *rotation2);
+  return std::pair(*rotation1, *rotation2);
 }
-
-}  // namespace
 
 Mask FindInconsistentRotations(const PairEvidence& evidence,
                                const Mask& is_in_skeleton,
                                const RotationEstimate& by_skeleton) {
-  const auto& [scene, index, view_graph, pair_is_used, options, num_threads] =
-      evidence;
-  MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
+  const PairFilteringOptions& options = evidence.options;
+  const Mask& pair_is_used = evidence.pair_is_used;
+  MGSFM_CHECK_EQ(pair_is_used.size(), evidence.view_graph.pairs.size());
   std::vector<std::optional<double>> deviations(pair_is_used.size());
   std::vector<double> known;
   for (size_t i = 0; i < deviations.size(); ++i) {
-    const ImagePair& pair = view_graph.pairs[i];
+    const ImagePair& pair = evidence.view_graph.pairs[i];
     if (!pair_is_used[i] || !pair.relative_pose) continue;
-    deviations[i] = DeviationFromSkeleton(scene, pair, by_skeleton);
-    if (deviations[i]) known.push_back(*deviations[i]);
+    const auto rotations = RotationsOfImages(evidence.scene, pair, by_skeleton);
+    if (!rotations) continue;
+    deviations[i] =
+        AngleBetween(pair.relative_pose->cam2_from_cam1 * rotations->first,
+                     rotations->second);
+    known.push_back(*deviations[i]);
   }
   Mask is_inconsistent(pair_is_used.size(), false);
   if (known.empty()) return is_inconsistent;
-  const DriftBound bound(
-      index, view_graph, is_in_skeleton, [](size_t) { return 1.0; },
-      {DriftGrowth::kRandomWalk,
-       options.rotation_drift_in_sigmas * RobustSigma<3>(known),
-       DegToRad(options.max_rotation_drift_deg)});
+  const double rate = options.rotation_drift_in_sigmas * RobustSigma<3>(known);
+  const TreePathLengths paths = PathsThroughSkeleton(
+      evidence, is_in_skeleton, [](size_t) { return 1.0; });
   for (size_t i = 0; i < deviations.size(); ++i) {
     if (!deviations[i] || is_in_skeleton[i]) continue;
+    const auto& frames = evidence.index.Of(i);
+    const double length = paths.Between(frames.frame_idx1, frames.frame_idx2);
     is_inconsistent[i] =
-        *deviations[i] >
-        DegToRad(options.max_rotation_error_deg) + bound.Of(index.Of(i));
+        *deviations[i] > DegToRad(options.max_rotation_error_deg) +
+                             std::min(rate * std::sqrt(length),
+                                      DegToRad(options.max_rotation_drift_deg));
   }
-  if (RejectsTooMany(is_inconsistent.Count(), known.size())) {
-    is_inconsistent.assign(is_inconsistent.size(), false);
-  }
-  return is_inconsistent;
+  return UnlessTooMany(std::move(is_inconsistent), known.size());
 }
-
-using Eigen::Vector3d;
 
 std::optional<Vector3d> BaselineByPositions(const ImagePair& pair,
                                             const CameraCenters& centers) {
@@ -125,35 +114,32 @@ Mask FindInconsistentBaselines(const PairEvidence& evidence,
                                const Mask& is_in_skeleton,
                                const BaselineComparison& by_skeleton,
                                double max_drift) {
-  const auto& [measured, centers] = by_skeleton;
-  const FramePairIndex& index = evidence.index;
-  const ViewGraph& view_graph = evidence.view_graph;
-  MGSFM_CHECK_EQ(measured.size(), view_graph.pairs.size());
-  const DriftBound bound(index, view_graph, is_in_skeleton,
-                         [&of = by_skeleton.measured](size_t i) {
-                           MGSFM_CHECK(of[i].has_value());
-                           return of[i]->baseline_in_world.norm();
-                         },
-                         {DriftGrowth::kProportional, max_drift});
+  const MeasuredBaselines& measured = by_skeleton.measured;
+  MGSFM_CHECK_EQ(measured.size(), evidence.view_graph.pairs.size());
+  const TreePathLengths paths =
+      PathsThroughSkeleton(evidence, is_in_skeleton, [&](size_t i) {
+        MGSFM_CHECK(measured[i].has_value());
+        return measured[i]->baseline_in_world.norm();
+      });
   Mask is_inconsistent(measured.size(), false);
   size_t num_judged = 0;
   for (size_t i = 0; i < measured.size(); ++i) {
+    const auto& frames = evidence.index.Of(i);
     if (!measured[i] || !measured[i]->is_comparable ||
-        !index.Of(i).IsBetweenFrames()) {
+        !frames.IsBetweenFrames()) {
       continue;
     }
-    const auto baseline = BaselineByPositions(view_graph.pairs[i], centers);
+    const auto baseline =
+        BaselineByPositions(evidence.view_graph.pairs[i], by_skeleton.centers);
     if (!baseline) continue;
     ++num_judged;
     is_inconsistent[i] =
         (*baseline - measured[i]->baseline_in_world).norm() >
-        bound.Of(index.Of(i)) + evidence.options.max_baseline_error_in_depths *
-                                    measured[i]->typical_depth;
+        max_drift * paths.Between(frames.frame_idx1, frames.frame_idx2) +
+            evidence.options.max_baseline_error_in_depths *
+                measured[i]->typical_depth;
   }
-  if (RejectsTooMany(is_inconsistent.Count(), num_judged)) {
-    is_inconsistent.assign(measured.size(), false);
-  }
-  return is_inconsistent;
+  return UnlessTooMany(std::move(is_inconsistent), num_judged);
 }
 
 std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {

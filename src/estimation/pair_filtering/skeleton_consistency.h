@@ -2,12 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
-#include <limits>
 #include <optional>
+#include <utility>
 #include <vector>
 
-#include "math/spanning_tree.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/estimates.h"
@@ -17,48 +15,17 @@
 
 namespace mgsfm {
 
-enum class DriftGrowth {
-  // Independent errors of the edges: the standard deviation of their sum grows
-  // with the square root of the path length.
-  kRandomWalk,
-  // Persistent errors, such as those of scale and heading.
-  kProportional,
-};
+// An estimate from the skeletal graph alone drifts along the path between two
+// frames. Paths lead through its maximum spanning tree, weighted by the number
+// of matches. Between two components, only the parts of the path inside them
+// count. If a rule would reject more than a third of the pairs that it judges,
+// the skeletal graph must be wrong rather than the pairs, and it rejects none.
 
-// Largest drift between two frames that an estimate from the skeletal graph
-// alone may have: for a path of length l,
-//
-//   bound = min(rate * sqrt(l), max)   or   min(rate * l, max).
-//
-// Paths lead through the maximum spanning tree of the skeletal graph, weighted
-// by the number of matches. Between two components only the parts of the path
-// inside them count.
-class DriftBound {
- public:
-  struct Model {
-    DriftGrowth growth;
-    double rate;  // of the bound at path length 1
-    double max = std::numeric_limits<double>::infinity();
-  };
-
-  // length_of_pair(pair_idx) is the length of a pair of the skeletal graph that
-  // connects two frames.
-  DriftBound(const FramePairIndex& index, const ViewGraph& view_graph,
-             const Mask& is_in_skeleton,
-             const std::function<double(size_t)>& length_of_pair,
-             const Model& model);
-
-  // Cost: the number of edges on the path.
-  double Of(const FramePairIndex::FramePair& frames) const;
-
- private:
-  TreePathLengths paths_;
-  Model model_;
-};
-
-// True if so many of the judged pairs were rejected that the skeletal graph
-// must be wrong rather than the pairs.
-bool RejectsTooMany(size_t num_rejected, size_t num_judged);
+// The rotations of both images of a pair; nullopt unless the estimate relates
+// them.
+[[nodiscard]] std::optional<std::pair<Eigen::Quaterniond, Eigen::Quaterniond>>
+RotationsOfImages(const Scene& scene, const ImagePair& pair,
+                  const RotationEstimate& rotations);
 
 // Pairs whose relative rotation differs from the rotations of the skeletal
 // graph by more than its drift explains. Duplicate structures are often only
@@ -74,9 +41,8 @@ bool RejectsTooMany(size_t num_rejected, size_t num_judged);
 //                                max_rotation_drift):
 //
 // drift is modeled as a random walk with steps of standard deviation sigma.
-// Pairs of frames that the skeleton does not connect are not judged. None is
-// inconsistent if too many would be (pair_filtering.h).
-// Per pair. Cost: a path through a tree for each pair.
+// Pairs of frames that the skeleton does not connect are not judged. Per pair.
+// Cost: a path through a tree for each pair.
 [[nodiscard]] Mask FindInconsistentRotations(
     const PairEvidence& evidence, const Mask& is_in_skeleton,
     const RotationEstimate& by_skeleton);
@@ -109,16 +75,16 @@ struct BaselineComparison {
 [[nodiscard]] std::optional<Eigen::Vector3d> BaselineByPositions(
     const ImagePair& pair, const CameraCenters& centers);
 
-// Pairs that the drift of the skeletal graph cannot explain. Positions from the
-// skeletal graph alone drift in proportion to the path length l between two
-// frames (DriftBound). With C = c_2 - c_1 by these positions, a comparable
-// pair is inconsistent if
+// Pairs that the drift of the skeletal graph cannot explain. Errors of scale
+// and heading persist, so that its positions drift in proportion to the path
+// length l between two frames. With C = c_2 - c_1 by these positions, a
+// comparable pair is inconsistent if
 //
 //   |C - m| > max_drift l + max_baseline_error_in_depths * typical depth.
 //
 // All pairs of the skeletal graph must have a measured baseline, except those
-// within a frame. None is inconsistent if too many would be (pair_filtering.h).
-// Per pair of the view graph. Cost: a path through a tree for each pair.
+// within a frame. Per pair of the view graph. Cost: a path through a tree for
+// each pair.
 [[nodiscard]] Mask FindInconsistentBaselines(
     const PairEvidence& evidence, const Mask& is_in_skeleton,
     const BaselineComparison& by_skeleton, double max_drift);

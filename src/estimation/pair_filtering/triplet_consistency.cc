@@ -55,13 +55,30 @@ class KeypointNumbers {
   size_t size_ = 0;
 };
 
-// Per pair: the number of matches of all previous pairs.
-std::vector<size_t> FirstMatches(const ViewGraph& view_graph) {
+// Per pair: the number of matches of all previous pairs; and of all.
+template <class Pairs>
+std::vector<size_t> FirstMatches(const Pairs& pairs) {
   std::vector<size_t> first = {0};
-  for (const ImagePair& pair : view_graph.pairs) {
+  for (const auto& pair : pairs) {
     first.push_back(first.back() + pair.matches.size());
   }
   return first;
+}
+
+// Per pair: the number of its matches that are set.
+template <class Flags>
+std::vector<int> CountPerPair(const Flags& flags,
+                              const std::vector<size_t>& first_match) {
+  const auto at = [&](size_t i) {
+    return flags.begin() + static_cast<std::ptrdiff_t>(i);
+  };
+  std::vector<int> counts;
+  for (size_t i = 0; i + 1 < first_match.size(); ++i) {
+    counts.push_back(static_cast<int>(
+        std::count_if(at(first_match[i]), at(first_match[i + 1]),
+                      [](bool flag) { return flag; })));
+  }
+  return counts;
 }
 
 bool IsBefore(const Match& a, const Match& b) {
@@ -74,12 +91,9 @@ class TripletMarker {
  public:
   // Pairs and their matches are sorted. They must outlive this object.
   explicit TripletMarker(const std::vector<PairMatches>& pairs)
-      : pairs_(pairs) {
-    for (const PairMatches& pair : pairs) {
-      first_match_.push_back(first_match_.back() + pair.matches.size());
-    }
-    is_consistent_.resize(first_match_.back(), false);
-  }
+      : pairs_(pairs),
+        first_match_(FirstMatches(pairs)),
+        is_consistent_(first_match_.back(), false) {}
 
   // Marks the matches of three images a < b < c that form triplets. The
   // arguments are the pairs of (a, b), (a, c) and (b, c).
@@ -101,12 +115,8 @@ class TripletMarker {
     }
   }
 
-  int Count(size_t pair_idx) const {
-    const auto at = [&](size_t i) {
-      return is_consistent_.begin() + static_cast<std::ptrdiff_t>(i);
-    };
-    return static_cast<int>(std::count(at(first_match_[pair_idx]),
-                                       at(first_match_[pair_idx + 1]), true));
+  std::vector<int> Counts() const {
+    return CountPerPair(is_consistent_, first_match_);
   }
 
  private:
@@ -122,8 +132,8 @@ class TripletMarker {
   }
 
   const std::vector<PairMatches>& pairs_;
-  std::vector<size_t> first_match_ = {0};  // per pair
-  std::vector<bool> is_consistent_;        // per match
+  std::vector<size_t> first_match_;  // per pair
+  std::vector<bool> is_consistent_;  // per match
 };
 
 }  // namespace
@@ -141,7 +151,7 @@ Mask FindTripletConsistentMatches(const ViewGraph& view_graph,
       }
     }
   });
-  const std::vector<size_t> first_match = FirstMatches(view_graph);
+  const std::vector<size_t> first_match = FirstMatches(view_graph.pairs);
   Mask is_triplet_consistent(first_match.back(), false);
   ParallelFor(
       view_graph.pairs.size(), num_threads,
@@ -162,17 +172,9 @@ Mask FindTripletConsistentMatches(const ViewGraph& view_graph,
 std::vector<int> CountTripletConsistentMatches(const ViewGraph& view_graph,
                                                const Mask& pair_is_used,
                                                int num_threads) {
-  const Mask is_triplet_consistent =
-      FindTripletConsistentMatches(view_graph, pair_is_used, num_threads);
-  std::vector<int> num_triplet_consistent;
-  auto begin = is_triplet_consistent.begin();
-  for (const ImagePair& pair : view_graph.pairs) {
-    const auto end = begin + static_cast<std::ptrdiff_t>(pair.matches.size());
-    num_triplet_consistent.push_back(
-        static_cast<int>(std::count(begin, end, char{true})));
-    begin = end;
-  }
-  return num_triplet_consistent;
+  return CountPerPair(
+      FindTripletConsistentMatches(view_graph, pair_is_used, num_threads),
+      FirstMatches(view_graph.pairs));
 }
 
 std::vector<int> CountTripletConsistentMatches(std::vector<PairMatches>* pairs,
@@ -188,11 +190,7 @@ std::vector<int> CountTripletConsistentMatches(std::vector<PairMatches>* pairs,
     context.CheckInterrupted();
     marker.Mark(ab, ac, bc);
   });
-  std::vector<int> num_triplet_consistent;
-  for (size_t i = 0; i < pairs->size(); ++i) {
-    num_triplet_consistent.push_back(marker.Count(i));
-  }
-  return num_triplet_consistent;
+  return marker.Counts();
 }
 
 }  // namespace mgsfm

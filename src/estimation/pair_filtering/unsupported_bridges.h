@@ -34,10 +34,9 @@ namespace mgsfm {
 // that agree with each other, but next to them, the parts show other things.
 //
 // Consistent pairs are those of pair_is_used; those of `pair_is_explained` are
-// inconsistent for a known reason. Cost: linear in the links;
-// if some are bridges, in the matches; the number of bridges without support
-// times the number of inconsistent pairs; and the square of the number of loops
-// that join two parts.
+// inconsistent for a known reason. Cost: linear in the pairs, times the depth
+// of a tree for pairs of distant frames; if some links are bridges, in the
+// matches; and the square of the number of loops that join two parts.
 [[nodiscard]] Mask FindUnsupportedBridges(const PairEvidence& evidence,
                                           const Mask& pair_is_explained);
 
@@ -45,7 +44,8 @@ namespace mgsfm {
 // each, although both sets also show others. Loops show two places if two of
 // them have no common frame, nor a consistent pair between their frames, at
 // either end. `links` has the frames of the first set first.
-[[nodiscard]] bool ShowOnePlace(const PairEvidence& evidence,
+[[nodiscard]] bool ShowOnePlace(const FramePairIndex& index,
+                                const Mask& pair_is_used,
                                 const std::vector<std::pair<int, int>>& links,
                                 const std::vector<int>& frame_idxs1,
                                 const std::vector<int>& frame_idxs2);

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <limits>
-#include <tuple>
 
 #include "base/ranges.h"
 #include "math/statistics.h"
@@ -51,8 +50,7 @@ struct StepError {
 
 // Neighbors in time.
 struct Step {
-  std::pair<int, int> frames;
-  int earlier = 0, later = 0;  // the same frames
+  int earlier = 0, later = 0;
   int time_gap = 0;
   double duration = 0.0;
   std::vector<Baseline> baselines;  // of image pairs of equal sensors
@@ -86,11 +84,11 @@ Baselines CollectBaselines(const Scene& scene, const FramePairIndex& index,
                            const std::vector<std::optional<Rigid3>>& expected,
                            const Reconstruction& reconstruction) {
   Baselines result;
-  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+  for (const FramePair& frames : index.frame_pairs()) {
     if (frames.IsBetweenFrames() && !frames.time_gap) continue;
     Step step;
-    step.frames = {frames.frame_idx1, frames.frame_idx2};
-    std::tie(step.earlier, step.later) = step.frames;
+    step.earlier = frames.frame_idx1;
+    step.later = frames.frame_idx2;
     if (frames.IsBetweenFrames()) {
       if (index.order()->IsBefore(step.later, step.earlier)) {
         std::swap(step.earlier, step.later);
@@ -161,9 +159,8 @@ bool IsSmoother(const Step& step, const Step& confirmed, double unit) {
   }) <= 0.0;
 }
 
-// A rig does not stop or turn from one frame to the next. If the model moves
-// like the confirmed steps on both sides and the expected motion does not, the
-// expected motion is wrong.
+// Whether the model moves like the confirmed steps on both sides, and the
+// expected motion does not.
 bool IsRefuted(const Step& step, const std::vector<const Step*>& confirmed,
                const TemporalOrder& order, double unit) {
   const Step* before = FindConfirmed(confirmed, order, step, true);
@@ -216,13 +213,13 @@ ComparedMotions CompareMotions(
       jumps.push_back(&step);
     } else if (error.Relative() <= kMaxErrorOfConfirmed) {
       confirmed.push_back(&step);
-      result.confirmed.push_back(step.frames);
+      result.confirmed.emplace_back(std::minmax(step.earlier, step.later));
     }
   }
   if (result.AreRefuted()) return result;
   for (const Step* step : jumps) {
     if (!IsRefuted(*step, confirmed, *index.order(), unit)) {
-      result.jumps.push_back(step->frames);
+      result.jumps.emplace_back(std::minmax(step->earlier, step->later));
     }
   }
   return result;

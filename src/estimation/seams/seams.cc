@@ -10,14 +10,12 @@
 #include "base/ranges.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "pair_filtering/frame_cuts.h"
 #include "pair_filtering/unsupported_bridges.h"
 #include "scene/point_lookup.h"
-#include "seams/frame_cuts.h"
 
 namespace mgsfm {
 namespace {
-
-using FramePair = FramePairIndex::FramePair;
 
 // Per image pair.
 std::vector<int> CountConfirmed(const ConfidenceInput& input) {
@@ -68,18 +66,19 @@ struct CutEvidence {
   std::vector<double> num_pairs;
   std::vector<double> num_confirmed;
   std::vector<double> num_against;
-  Mask has_few_ties;
-  Mask is_jump;
-  Mask is_one_place;
-  Mask motion_is_known;
+  std::vector<std::optional<SeamReason>> reasons;  // but contradictions
+  std::vector<double> num_motions;                 // confirmed ones
 
   double ShareAgainst(size_t cut_idx) const {
-    if (motion_is_known[cut_idx]) return 0.0;
+    if (num_motions[cut_idx] > 0.0) return 0.0;
     const double sum = num_confirmed[cut_idx] + num_against[cut_idx];
     return sum > 0.0 ? num_against[cut_idx] / sum : 0.0;
   }
   double ConfidenceOf(size_t cut_idx) const {
-    if (is_jump[cut_idx] || is_one_place[cut_idx]) return 0.0;
+    if (reasons[cut_idx] == SeamReason::kJump ||
+        reasons[cut_idx] == SeamReason::kOnePlace) {
+      return 0.0;
+    }
     // n0 of the confidence: pairs of images with fewer inliers are not
     // accepted.
     return (1.0 - ShareAgainst(cut_idx)) * num_tracks[cut_idx] /
@@ -111,7 +110,7 @@ void CountTracks(const ConfidenceInput& input, const FrameCuts& cuts,
 // The cuts with fewer than `min_num_ties` ties. If a side has one frame, or
 // only a weaker cut makes it larger, no point has two frames there; the points
 // that two frames of the other side observe are then the ties.
-Mask FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
+void FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
                  int min_num_ties, CutEvidence* evidence) {
   std::vector<double>& num_ties = evidence->num_ties;
   std::vector<size_t> few;
@@ -124,7 +123,6 @@ Mask FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
   StableSortBy(&few, [&](size_t a) {
     return std::pair(num_ties[a], evidence->num_confirmed[a]);
   });
-  Mask has_few(num_ties.size(), false);
   for (const size_t k : few) {
     const auto& [below, above] = cuts.cuts()[k];
     if (num_edges[below] == 1 || num_edges[above] == 1) {
@@ -135,17 +133,16 @@ Mask FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
                               cuts.FramesOfSide(k, !is_below), num_required);
       if (num_ties[k] >= min_num_ties) continue;
     }
-    has_few[k] = true;
+    evidence->reasons[k] = SeamReason::kFewTies;
     --num_edges[below];
     --num_edges[above];
   }
-  return has_few;
 }
 
 // Sums amount_of(pair_idx) over the pairs of a list that cross each cut.
-template <class PairIdxs, class Amount>
+template <class Amount>
 std::vector<double> SumPairs(const FramePairIndex& index, const FrameCuts& cuts,
-                             const PairIdxs& pair_idxs,
+                             const std::vector<size_t>& pair_idxs,
                              const Amount& amount_of) {
   FrameCuts::Sums sums(cuts);
   for (const size_t i : pair_idxs) {
@@ -211,9 +208,8 @@ std::vector<double> ErrorsHiddenByCuts(const ConfidenceInput& input,
   return hidden;
 }
 
-// The matches of the largest group against each cut. A loop of pairs that
-// contradicts the model does not reveal which of its cuts is wrong; the weakest
-// cut that can hide its error is doubtful. `strengths` per cut.
+// The matches of the largest group against each cut: a group counts against
+// the weakest cut that can hide its error. `strengths` per cut.
 std::vector<double> MostAgainst(const ConfidenceInput& input,
                                 const FrameCuts& cuts,
                                 const std::vector<int>& num_confirmed,
@@ -256,34 +252,28 @@ CutEvidence CollectEvidence(const ConfidenceInput& input, const FrameCuts& cuts,
   evidence.num_against =
       MostAgainst(input, cuts, num_confirmed, evidence.num_confirmed);
   FrameCuts::Sums confirmed(cuts);
-  for (const auto& [frame1, frame2] : input.confirmed) {
+  for (const auto& [frame1, frame2] : input.motions.confirmed) {
     confirmed.Add(frame1, frame2, 1.0);
   }
-  const std::vector<double> num_of_motions = confirmed.Finish();
-  evidence.motion_is_known = Mask(num_of_motions.size(), false);
-  for (size_t k = 0; k < num_of_motions.size(); ++k) {
-    evidence.motion_is_known[k] = num_of_motions[k] > 0.0;
-  }
+  evidence.num_motions = confirmed.Finish();
   return evidence;
 }
 
 // The weakest cut of each jump.
-Mask FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
-               const CutEvidence& evidence) {
-  Mask is_jump(cuts.cuts().size(), false);
-  for (const auto& [frame1, frame2] : input.jumps) {
+void FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
+               CutEvidence* evidence) {
+  for (const auto& [frame1, frame2] : input.motions.jumps) {
     const auto cut =
-        cuts.SmallestBetween(frame1, frame2, evidence.num_confirmed);
-    if (cut) is_jump[*cut] = true;
+        cuts.SmallestBetween(frame1, frame2, evidence->num_confirmed);
+    if (cut) evidence->reasons[*cut] = SeamReason::kJump;
   }
-  return is_jump;
 }
 
 // The cuts that loops of one place alone cross.
-Mask FindLoopsOfOnePlace(const ConfidenceInput& input, const FrameCuts& cuts) {
+void FindLoopsOfOnePlace(const ConfidenceInput& input, const FrameCuts& cuts,
+                         CutEvidence* evidence) {
   const FramePairIndex& index = input.index;
-  Mask is_one_place(cuts.cuts().size(), false);
-  if (!index.is_sequence()) return is_one_place;
+  if (!index.is_sequence()) return;
   std::vector<size_t> loops, neighbors;
   for (size_t i = 0; i < input.pair_is_used.size(); ++i) {
     if (!input.pair_is_used[i]) continue;
@@ -293,10 +283,7 @@ Mask FindLoopsOfOnePlace(const ConfidenceInput& input, const FrameCuts& cuts) {
   const std::vector<double> num_loops = SumPairs(index, cuts, loops, one);
   const std::vector<double> num_neighbors =
       SumPairs(index, cuts, neighbors, one);
-  const PairFilteringOptions options;
-  const PairEvidence evidence{input.scene, index, input.view_graph,
-                              input.pair_is_used, options};
-  for (size_t k = 0; k < is_one_place.size(); ++k) {
+  for (size_t k = 0; k < num_loops.size(); ++k) {
     if (num_neighbors[k] > 0.0 || num_loops[k] == 0.0) continue;
     const std::vector<int> below = cuts.FramesOfSide(k, true);
     const std::vector<int> above = cuts.FramesOfSide(k, false);
@@ -310,20 +297,19 @@ Mask FindLoopsOfOnePlace(const ConfidenceInput& input, const FrameCuts& cuts) {
       links.emplace_back(is_below(frame1) ? frame1 : frame2,
                          is_below(frame1) ? frame2 : frame1);
     }
-    is_one_place[k] = ShowOnePlace(evidence, links, below, above);
+    if (ShowOnePlace(index, input.pair_is_used, links, below, above)) {
+      evidence->reasons[k] = SeamReason::kOnePlace;
+    }
   }
-  return is_one_place;
 }
 
 std::optional<SeamReason> ReasonOf(const CutEvidence& evidence, size_t cut_idx,
                                    const ConfidenceOptions& options) {
-  if (evidence.is_one_place[cut_idx]) return SeamReason::kOnePlace;
-  if (evidence.is_jump[cut_idx]) return SeamReason::kJump;
-  if (evidence.has_few_ties[cut_idx]) return SeamReason::kFewTies;
-  if (evidence.ShareAgainst(cut_idx) > options.max_share_against) {
+  if (!evidence.reasons[cut_idx] &&
+      evidence.ShareAgainst(cut_idx) > options.max_share_against) {
     return SeamReason::kContradicted;
   }
-  return std::nullopt;
+  return evidence.reasons[cut_idx];
 }
 
 Seam MakeSeam(const FrameCuts& cuts, const CutEvidence& evidence,
@@ -371,23 +357,23 @@ Confidence EstimateConfidence(const ConfidenceInput& input,
   const std::vector<int> num_confirmed = CountConfirmed(input);
   const FrameCuts cuts = FindCuts(input, num_confirmed);
   CutEvidence evidence = CollectEvidence(input, cuts, num_confirmed);
-  evidence.has_few_ties =
-      FindFewTies(input, cuts, std::max(1, options.min_num_ties), &evidence);
-  evidence.is_jump = FindJumps(input, cuts, evidence);
-  evidence.is_one_place = FindLoopsOfOnePlace(input, cuts);
+  evidence.reasons.resize(cuts.cuts().size());
+  // Later reasons replace earlier ones.
+  FindFewTies(input, cuts, std::max(1, options.min_num_ties), &evidence);
+  FindJumps(input, cuts, &evidence);
+  FindLoopsOfOnePlace(input, cuts, &evidence);
   std::vector<double> confidences;
-  std::vector<std::pair<double, Seam>> seams;
+  std::vector<size_t> weak;
   for (size_t k = 0; k < cuts.cuts().size(); ++k) {
     confidences.push_back(evidence.ConfidenceOf(k));
-    if (const auto reason = ReasonOf(evidence, k, options)) {
-      seams.emplace_back(confidences.back(),
-                         MakeSeam(cuts, evidence, k, *reason));
-    }
+    if (ReasonOf(evidence, k, options)) weak.push_back(k);
   }
-  StableSortBy(&seams, [](const auto& a) { return a.first; });
+  StableSortBy(&weak, [&](size_t k) { return confidences[k]; });
   Confidence result;
-  for (auto& [confidence, seam] : seams)
-    result.seams.push_back(std::move(seam));
+  for (const size_t k : weak) {
+    result.seams.push_back(
+        MakeSeam(cuts, evidence, k, *ReasonOf(evidence, k, options)));
+  }
   const std::vector<double> of_frame = cuts.SmallestToCore(confidences);
   for (size_t i = 0; i < input.scene.frames.size(); ++i) {
     const bool is_registered =

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <utility>
 #include <vector>
 
 #include "mgsfm/base/mask.h"
@@ -11,6 +10,7 @@
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/seams/confidence.h"
 #include "pair_filtering/frame_pair_index.h"
+#include "seams/motion_jumps.h"
 
 namespace mgsfm {
 
@@ -21,10 +21,7 @@ struct ConfidenceInput {
   const Mask& pair_is_used;  // those whose matches made tracks
   const std::vector<RejectedGroup>& rejected_groups;
   const Reconstruction& reconstruction;
-  // Frames of a sequence whose relative pose contradicts, or confirms, the
-  // motion of the rig.
-  std::vector<std::pair<int, int>> jumps = {};
-  std::vector<std::pair<int, int>> confirmed = {};
+  ComparedMotions motions = {};
 };
 
 // The points that `min_num_frames` frames of each of two sides observe, or all

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <numeric>
 #include <string>
 #include <utility>
 
@@ -38,8 +37,7 @@ Mask SelectForests(const std::vector<MatchedImages>& of_model,
                    const MapperRunInput& run) {
   const FramePairIndex index(run.scene, of_model,
                              run.options.pair_filtering.is_sequence);
-  std::vector<size_t> order(of_model.size());
-  std::iota(order.begin(), order.end(), size_t{0});
+  std::vector<size_t> order = Indices<size_t>(of_model.size());
   StableSortDescendingBy(&order, [&](size_t i) {
     return std::pair(!index.IsLoop(index.Of(i)), of_model[i].num_matches);
   });
@@ -66,9 +64,7 @@ std::vector<MatchedImages> AllPairs(std::vector<MatchedImages> of_model,
   const auto images_of = [](const MatchedImages& pair) {
     return std::pair(pair.image_idx1, pair.image_idx2);
   };
-  std::stable_sort(all.begin(), all.end(), [&](const auto& a, const auto& b) {
-    return images_of(a) < images_of(b);
-  });
+  StableSortBy(&all, images_of);
   all.erase(std::unique(all.begin(), all.end(),
                         [&](const auto& a, const auto& b) {
                           return images_of(a) == images_of(b);
@@ -139,7 +135,7 @@ Mask FindNewFrames(const Scene& scene, const Reconstruction& model,
     return !model.rig_from_world[frame_idx];
   };
   Mask frames(scene.frames.size());
-  for (const FramePairIndex::FramePair& pair : index.frame_pairs()) {
+  for (const FramePair& pair : index.frame_pairs()) {
     if (is_new(pair.frame_idx1) || is_new(pair.frame_idx2)) {
       frames[pair.frame_idx1] = true;
       frames[pair.frame_idx2] = true;

@@ -62,16 +62,22 @@ Reconstruction KeepSegment(const Scene& scene,
   return model;
 }
 
+int NumFrames(const MapperModel& model) {
+  const auto& poses = model.reconstruction.rig_from_world;
+  return static_cast<int>(
+      CountIf(poses, [](const auto& pose) { return pose.has_value(); }));
+}
+
 // Segments and their numbers of registered frames.
-std::vector<std::pair<int, int>> CountFrames(
-    const MapperModel& model, const std::vector<int>& segment_of_frame) {
+std::map<int, int> CountFrames(const MapperModel& model,
+                               const std::vector<int>& segment_of_frame) {
   std::map<int, int> num_frames;
   for (size_t i = 0; i < segment_of_frame.size(); ++i) {
     if (model.reconstruction.rig_from_world[i]) {
       ++num_frames[segment_of_frame[i]];
     }
   }
-  return {num_frames.begin(), num_frames.end()};
+  return num_frames;
 }
 
 // The number of registered frames in segments of at least min_num_frames.
@@ -109,8 +115,8 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const MapperModel& model) {
   const Scene& scene = input.scene;
   const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
-  std::vector<std::pair<int, int>> segments =
-      CountFrames(model, segment_of_frame);
+  const std::map<int, int> counts = CountFrames(model, segment_of_frame);
+  std::vector<std::pair<int, int>> segments(counts.begin(), counts.end());
   StableSortDescendingBy(&segments, [](const auto& a) { return a.second; });
   std::vector<MapperModel> parts;
   for (const auto& [segment, num_frames] : segments) {
@@ -131,6 +137,56 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
     parts.push_back(std::move(part));
   }
   return parts;
+}
+
+// The pairs of neighbors in time across a seam.
+std::vector<size_t> FindCrossing(const FramePairIndex& index,
+                                 const Mask& frame_is_beyond,
+                                 const Reconstruction& model) {
+  std::vector<size_t> crossing;
+  for (size_t i = 0; i < index.num_pairs(); ++i) {
+    const FramePair& frames = index.Of(i);
+    if (index.AreNeighbors(frames) &&
+        frame_is_beyond[frames.frame_idx1] !=
+            frame_is_beyond[frames.frame_idx2] &&
+        model.rig_from_world[frames.frame_idx1] &&
+        model.rig_from_world[frames.frame_idx2]) {
+      crossing.push_back(i);
+    }
+  }
+  return crossing;
+}
+
+// Their matches before verification.
+ViewGraph MatchesAcross(const AdjustmentInput& input,
+                        const std::vector<size_t>& crossing) {
+  ViewGraph matches;
+  for (const size_t i : crossing) {
+    const ImagePair& pair = input.view_graph.pairs[i];
+    const ImagePair* source =
+        FindPair(input.matches, pair.image_idx1, pair.image_idx2);
+    if (source != nullptr) matches.pairs.push_back(*source);
+  }
+  return matches;
+}
+
+// The model with the side beyond the seam moved, and triangulated again.
+MapperModel Realign(const AdjustmentInput& input, const MapperOptions& options,
+                    const Context& context, const Mask& frame_is_beyond,
+                    const Rigid3& beyond_from_core, const MapperModel& model) {
+  MapperModel realigned = model;
+  Reconstruction initial = model.reconstruction;
+  for (size_t i = 0; i < initial.rig_from_world.size(); ++i) {
+    auto& pose = initial.rig_from_world[i];
+    if (pose && frame_is_beyond[i]) pose = *pose * beyond_from_core;
+  }
+  initial = TriangulateCandidates(
+      input.scene,
+      MakeCandidateSource(input.scene, input.view_graph, input.matches,
+                          input.pair_is_used, options, context),
+      initial, options.bundle_adjustment, context);
+  AdjustModel(input, options, context, std::move(initial), &realigned);
+  return realigned;
 }
 
 }  // namespace
@@ -200,10 +256,9 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
     }
   }
   if (options.weak_seams == WeakSeams::kKeep) return unconnected;
-  const int num_registered = NumFramesInSegments(scene, model, {}, 0);
   const int num_left =
       NumFramesInSegments(scene, model, wrong, options.min_num_frames);
-  return 2 * num_left < num_registered ? unconnected : wrong;
+  return 2 * num_left < NumFrames(model) ? unconnected : wrong;
 }
 
 std::vector<MapperModel> TestSeams(
@@ -216,24 +271,17 @@ std::vector<MapperModel> TestSeams(
                           adjusted.reconstruction,
                           options.pair_filtering.max_relative_baseline_error);
   };
-  const auto confidence_by = [&](const ComparedMotions& motions,
-                                 const Mask& pair_is_used,
+  const auto confidence_of = [&](const Mask& pair_is_used,
                                  const MapperModel& adjusted) {
     return EstimateModelConfidence(
         {input.scene, index, input.view_graph, pair_is_used,
-         adjusted.rejected_groups, adjusted.reconstruction, motions.jumps,
-         motions.confirmed},
+         adjusted.rejected_groups, adjusted.reconstruction, compare(adjusted)},
         options, context);
-  };
-  const auto confidence_of = [&](const Mask& pair_is_used,
-                                 const MapperModel& adjusted) {
-    return confidence_by(compare(adjusted), pair_is_used, adjusted);
   };
   {
     const RunningStage stage("seams", context);
-    const ComparedMotions motions = compare(model);
-    model.confidence = confidence_by(motions, input.pair_is_used, model);
-    model.refutes_motion = motions.AreRefuted();
+    model.confidence = confidence_of(input.pair_is_used, model);
+    model.refutes_motion = compare(model).AreRefuted();
     stage.Finish(&model.times);
   }
   if (model.refutes_motion) return {std::move(model)};
@@ -246,66 +294,9 @@ std::vector<MapperModel> TestSeams(
 }
 
 bool IsLargeEnough(const MapperModel& model, const MapperOptions& options) {
-  const auto& poses = model.reconstruction.rig_from_world;
-  const auto num_frames =
-      CountIf(poses, [](const auto& pose) { return pose.has_value(); });
-  return num_frames >= options.min_num_frames &&
+  return NumFrames(model) >= options.min_num_frames &&
          !model.reconstruction.points.empty();
 }
-
-namespace {
-
-// The pairs of neighbors in time across a seam.
-std::vector<size_t> FindCrossing(const FramePairIndex& index,
-                                 const Mask& frame_is_beyond,
-                                 const Reconstruction& model) {
-  std::vector<size_t> crossing;
-  for (size_t i = 0; i < index.num_pairs(); ++i) {
-    const FramePairIndex::FramePair& frames = index.Of(i);
-    if (index.AreNeighbors(frames) &&
-        frame_is_beyond[frames.frame_idx1] !=
-            frame_is_beyond[frames.frame_idx2] &&
-        model.rig_from_world[frames.frame_idx1] &&
-        model.rig_from_world[frames.frame_idx2]) {
-      crossing.push_back(i);
-    }
-  }
-  return crossing;
-}
-
-// Their matches before verification.
-ViewGraph MatchesAcross(const AdjustmentInput& input,
-                        const std::vector<size_t>& crossing) {
-  ViewGraph matches;
-  for (const size_t i : crossing) {
-    const ImagePair& pair = input.view_graph.pairs[i];
-    const ImagePair* source =
-        FindPair(input.matches, pair.image_idx1, pair.image_idx2);
-    if (source != nullptr) matches.pairs.push_back(*source);
-  }
-  return matches;
-}
-
-// The model with the side beyond the seam moved, and triangulated again.
-MapperModel Realign(const AdjustmentInput& input, const MapperOptions& options,
-                    const Context& context, const Mask& frame_is_beyond,
-                    const Rigid3& beyond_from_core, const MapperModel& model) {
-  MapperModel realigned = model;
-  Reconstruction initial = model.reconstruction;
-  for (size_t i = 0; i < initial.rig_from_world.size(); ++i) {
-    auto& pose = initial.rig_from_world[i];
-    if (pose && frame_is_beyond[i]) pose = *pose * beyond_from_core;
-  }
-  initial = TriangulateCandidates(
-      input.scene,
-      MakeCandidateSource(input.scene, input.view_graph, input.matches,
-                          input.pair_is_used, options, context),
-      initial, options.bundle_adjustment, context);
-  AdjustModel(input, options, context, std::move(initial), &realigned);
-  return realigned;
-}
-
-}  // namespace
 
 void RealignSides(const FramePairIndex& index, const MapperOptions& options,
                   const Context& context,

@@ -72,14 +72,15 @@ TEST(FrameDepths, DistancesScatterWithinTheirStandardDeviations) {
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const Eigen::Vector3d center =
         simulation.cam_from_world[i].Inverse().translation;
-    for (size_t k = 0; k < depths.distances[i].size(); ++k) {
+    for (size_t k = 0; k < depths.keypoints[i].size(); ++k) {
       const int point = simulation.keypoint_points[i][k];
-      if (!depths.distances[i][k] || point < 0) continue;
+      const KeypointDepth* depth = depths.Find(static_cast<int>(i), k);
+      if (!depth || point < 0) continue;
       const double expected =
           (simulation.world_points[point] - center).norm() / baseline_m;
       ++num_distances;
-      num_within += std::abs(*depths.distances[i][k] / baseline / expected -
-                             1.0) < 3.0 * depths.relative_sigmas[i][k];
+      num_within += std::abs(depth->distance / baseline / expected - 1.0) <
+                    3.0 * depth->relative_sigma;
     }
   }
   EXPECT_GT(num_distances, 1000);
@@ -88,8 +89,8 @@ TEST(FrameDepths, DistancesScatterWithinTheirStandardDeviations) {
 
 size_t NumDistances(const FrameDepths& depths) {
   size_t number = 0;
-  for (const auto& distances : depths.distances) {
-    for (const auto& distance : distances) number += distance ? 1 : 0;
+  for (const auto& keypoints : depths.keypoints) {
+    for (const auto& depth : keypoints) number += depth ? 1 : 0;
   }
   return number;
 }
@@ -103,10 +104,10 @@ TEST(FrameDepths, DepthsAreSignificant) {
   const FrameDepths precise = Measure(simulation, 1, {0.01, 1.0});
   const FrameDepths noisy = Measure(simulation, 1, {0.01, 4.0});
   for (const FrameDepths* depths : {&precise, &noisy}) {
-    for (size_t i = 0; i < depths->distances.size(); ++i) {
-      for (size_t k = 0; k < depths->distances[i].size(); ++k) {
-        if (!depths->distances[i][k]) continue;
-        EXPECT_LE(depths->relative_sigmas[i][k], 0.5 * (1.0 + 1e-9));
+    for (const auto& keypoints : depths->keypoints) {
+      for (const auto& depth : keypoints) {
+        if (!depth) continue;
+        EXPECT_LE(depth->relative_sigma, 0.5 * (1.0 + 1e-9));
       }
     }
   }
@@ -129,8 +130,16 @@ TEST(FrameDepths, ThreadsDoNotChangeABit) {
     EXPECT_EQ(a->rotation.coeffs(), b->rotation.coeffs());
     EXPECT_EQ(a->translation, b->translation);
   }
-  EXPECT_EQ(one.distances, three.distances);
-  EXPECT_EQ(one.relative_sigmas, three.relative_sigmas);
+  for (size_t i = 0; i < one.keypoints.size(); ++i) {
+    ASSERT_EQ(one.keypoints[i].size(), three.keypoints[i].size());
+    for (size_t k = 0; k < one.keypoints[i].size(); ++k) {
+      const auto &a = one.keypoints[i][k], &b = three.keypoints[i][k];
+      ASSERT_EQ(a.has_value(), b.has_value());
+      if (!a) continue;
+      EXPECT_EQ(a->distance, b->distance);
+      EXPECT_EQ(a->relative_sigma, b->relative_sigma);
+    }
+  }
 }
 
 }  // namespace

@@ -580,20 +580,20 @@ TEST(MotionContinuityTest, SequencesAreNotComparable) {
 }
 
 TEST(MotionContinuityTest, MotionsAreSimilarUpToTheirTolerances) {
-  RigPath path;
-  path.noise.median_step = 1.0;
+  MotionNoise noise;
+  noise.median_step = 1.0;
   const auto forward = [](double length, double angle_deg) {
-    return Rigid3::FromRotationAndCenter(
-        ExpSO3({0.0, DegToRad(angle_deg), 0.0}), {0.0, 0.0, length});
+    return MeasuredMotion{Rigid3::FromRotationAndCenter(
+        ExpSO3({0.0, DegToRad(angle_deg), 0.0}), {0.0, 0.0, length})};
   };
-  const Rigid3 step = forward(10.0, 5.0);
-  EXPECT_TRUE(path.AreSimilar(step, forward(11.5, 5.5)));
-  EXPECT_TRUE(path.AreSimilar(forward(11.5, 5.5), step));
-  EXPECT_FALSE(path.AreSimilar(step, forward(15.0, 5.0)));
-  EXPECT_FALSE(path.AreSimilar(step, forward(10.0, 7.0)));
-  EXPECT_FALSE(path.AreSimilar(step, forward(-10.0, 5.0)));
+  const MeasuredMotion step = forward(10.0, 5.0);
+  EXPECT_TRUE(AreEqualMotions(step, forward(11.5, 5.5), noise));
+  EXPECT_TRUE(AreEqualMotions(forward(11.5, 5.5), step, noise));
+  EXPECT_FALSE(AreEqualMotions(step, forward(15.0, 5.0), noise));
+  EXPECT_FALSE(AreEqualMotions(step, forward(10.0, 7.0), noise));
+  EXPECT_FALSE(AreEqualMotions(step, forward(-10.0, 5.0), noise));
   // Short motions are less certain.
-  EXPECT_TRUE(path.AreSimilar(forward(0.0, 0.0), forward(0.03, 0.0)));
+  EXPECT_TRUE(AreEqualMotions(forward(0.0, 0.0), forward(0.03, 0.0), noise));
 }
 
 }  // namespace

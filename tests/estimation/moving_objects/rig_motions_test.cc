@@ -66,7 +66,7 @@ class TwoFrames {
     }
     scene_.frames = {{FrameId(1), "", 0, {0, 1}}, {FrameId(2), "", 0, {2, 3}}};
     bearings_.images.resize(4);
-    depths_.distances.resize(4);
+    depths_.keypoints.resize(4);
     // The order of the pairs is the same in both layouts.
     for (const auto& [earlier, later] : {std::pair(0, 0), {0, 1}, {1, 1}}) {
       ImagePair pair;
@@ -157,8 +157,9 @@ class TwoFrames {
         point.norm() * (1.0 + kRelativeDepthNoise * random_.Normal());
     KeypointRays& rays = bearings_.images[image_idx];
     rays.Append((point.normalized() + noise).normalized());
-    depths_.distances[image_idx].push_back(has_depth ? std::optional(distance)
-                                                     : std::nullopt);
+    depths_.keypoints[image_idx].emplace_back();
+    if (has_depth)
+      depths_.keypoints[image_idx].back() = KeypointDepth{distance};
     return static_cast<uint32_t>(rays.size() - 1);
   }
 
@@ -370,7 +371,8 @@ class OneMatch {
     bearings.images.resize(2);
     bearings.images[0].Append(point1.normalized());
     bearings.images[1].Append(point2.normalized());
-    depths.distances = {{point1.norm()}, {point2.norm()}};
+    depths.keypoints = {{KeypointDepth{point1.norm()}},
+                        {KeypointDepth{point2.norm()}}};
     pair.image_idx2 = 1;
   }
   MatchVerdict Compare(const Rigid3& cam2_from_cam1 = kDrive) const {
@@ -380,8 +382,8 @@ class OneMatch {
   // With the depth in one image only, or in none.
   MatchVerdict CompareWith(bool has_depth1, bool has_depth2) const {
     OneMatch match = *this;
-    if (!has_depth1) match.depths.distances[0] = {std::nullopt};
-    if (!has_depth2) match.depths.distances[1].clear();
+    if (!has_depth1) match.depths.keypoints[0] = {std::nullopt};
+    if (!has_depth2) match.depths.keypoints[1].clear();
     return match.Compare();
   }
 
@@ -417,7 +419,7 @@ TEST(CompareWithMotionTest, UncertainDepthsAgree) {
   for (const Vector3d& point : PointsAround()) {
     for (const double factor : {0.75, 1.4}) {
       OneMatch match(point, kDrive * point);
-      for (auto& distances : match.depths.distances) *distances[0] *= factor;
+      for (auto& depths : match.depths.keypoints) depths[0]->distance *= factor;
       EXPECT_EQ(match.Compare(), MatchVerdict::kAgrees);
     }
   }
@@ -428,12 +430,13 @@ TEST(CompareWithMotionTest, DepthsAgreeWithinTheirStandardDeviations) {
   for (const Vector3d& near : PointsAround()) {
     const Vector3d point = 3.0 * near;  // depths are uncertain far away
     OneMatch match(point, kDrive * point);
-    *match.depths.distances[0][0] *= 1.6;
-    match.depths.distances[1].clear();
+    KeypointDepth& depth = *match.depths.keypoints[0][0];
+    depth.distance *= 1.6;
+    match.depths.keypoints[1].clear();
     EXPECT_EQ(match.Compare(), MatchVerdict::kContradicts);
-    match.depths.relative_sigmas = {{0.3}, {}};
+    depth.relative_sigma = 0.3;
     EXPECT_EQ(match.Compare(), MatchVerdict::kAgrees);
-    match.depths.relative_sigmas = {{0.03}, {}};
+    depth.relative_sigma = 0.03;
     EXPECT_EQ(match.Compare(), MatchVerdict::kContradicts);
   }
 }

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
-#include <cmath>
-
 #include "geometry/so3.h"
 #include "pair_filtering/skeleton_consistency.h"
 
@@ -84,21 +82,14 @@ TEST(InconsistentRotations, AreNoneIfTooManyWouldBe) {
   EXPECT_EQ(longer.Inconsistent(), Mask(5, true));  // 5 of 15
 }
 
-TEST(DriftBound, GrowsAlongTheMaximumSpanningTree) {
-  Row row(5);
-  row.Add(0, 4, 0.0, true);  // with fewer matches than the chain
+// A shortcut with fewer matches than the chain is not part of the tree.
+TEST(InconsistentRotations, DriftAlongTheMaximumSpanningTree) {
+  Row row(31);
+  row.Add(0, 30, 0.0, true);
   row.view_graph.pairs.back().matches.resize(10);
-  const FramePairIndex index(row.scene, row.view_graph);
-  const auto bound = [&](DriftGrowth growth, double max) {
-    return DriftBound(index, row.view_graph, row.is_in_skeleton,
-                      [](size_t i) { return static_cast<double>(i + 1); },
-                      {growth, 0.5, max})
-        .Of(index.Of(4));
-  };
-  EXPECT_DOUBLE_EQ(bound(DriftGrowth::kProportional, 100.0), 5.0);
-  EXPECT_DOUBLE_EQ(bound(DriftGrowth::kRandomWalk, 100.0),
-                   0.5 * std::sqrt(10.0));
-  EXPECT_DOUBLE_EQ(bound(DriftGrowth::kProportional, 2.0), 2.0);
+  row.Add(0, 29, 6.4);
+  row.Add(0, 29, 6.6);
+  EXPECT_EQ(row.Inconsistent(), (Mask{0, 0, 1}));
 }
 
 TEST(FramePairIndex, GroupsPairsByFrames) {

@@ -112,10 +112,14 @@ struct Drive {
   }
   Confidence Estimate(const ConfidenceOptions& options = {}) const {
     const FramePairIndex index = Index();
-    return EstimateConfidence(
-        {simulation.scene, index, simulation.view_graph, pair_is_used,
-         rejected_groups, simulation.ground_truth, jumps, confirmed},
-        options);
+    return EstimateConfidence({simulation.scene,
+                               index,
+                               simulation.view_graph,
+                               pair_is_used,
+                               rejected_groups,
+                               simulation.ground_truth,
+                               {0.0, jumps, confirmed}},
+                              options);
   }
 };
 

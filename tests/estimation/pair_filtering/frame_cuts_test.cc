@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "seams/frame_cuts.h"
+#include "pair_filtering/frame_cuts.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

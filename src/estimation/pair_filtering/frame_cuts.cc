@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "seams/frame_cuts.h"
+#include "pair_filtering/frame_cuts.h"
 
 #include <algorithm>
 
@@ -121,34 +121,28 @@ void FrameCuts::Sums::Add(int frame_idx1, int frame_idx2, double amount) {
   at_frame_[cuts_.CommonAncestor(frame_idx1, frame_idx2)] -= 2.0 * amount;
 }
 
-void FrameCuts::Sums::SortDepthFirst(std::vector<int>* frame_idxs) const {
-  SortBy(frame_idxs, [this](int a) { return cuts_.enter_[a]; });
-}
-
 // A closed depth-first tour through the frames passes each edge between them
 // exactly twice.
-void FrameCuts::Sums::AddTour(const std::vector<int>& sorted, double amount) {
-  for (size_t i = 0; i < sorted.size(); ++i) {
-    Add(sorted[i], sorted[(i + 1) % sorted.size()], 0.5 * amount);
+std::vector<int> FrameCuts::Sums::AddGroup(std::vector<int> frame_idxs,
+                                           double amount) {
+  SortBy(&frame_idxs, [this](int a) { return cuts_.enter_[a]; });
+  for (size_t i = 0; i < frame_idxs.size(); ++i) {
+    Add(frame_idxs[i], frame_idxs[(i + 1) % frame_idxs.size()], 0.5 * amount);
   }
+  return frame_idxs;
 }
 
-void FrameCuts::Sums::AddGroup(std::vector<int> frame_idxs, double amount) {
-  SortDepthFirst(&frame_idxs);
-  AddTour(frame_idxs, amount);
-}
-
-void FrameCuts::Sums::AddTies(std::vector<int> frame_idxs, double amount) {
+void FrameCuts::Sums::AddTies(const std::vector<int>& frame_idxs,
+                              double amount) {
   const auto is_elsewhere = [&](int frame) {
     return cuts_.root_[frame] != cuts_.root_[frame_idxs.front()];
   };
   if (frame_idxs.size() < 4 || AnyOf(frame_idxs, is_elsewhere)) {
     return;
   }
-  SortDepthFirst(&frame_idxs);
-  AddTour(frame_idxs, amount);
-  for (size_t i = 0; i < frame_idxs.size(); ++i) {
-    Add(frame_idxs[i], JunctionOf(frame_idxs, i), -amount);
+  const std::vector<int> sorted = AddGroup(frame_idxs, amount);
+  for (size_t i = 0; i < sorted.size(); ++i) {
+    Add(sorted[i], JunctionOf(sorted, i), -amount);
   }
 }
 

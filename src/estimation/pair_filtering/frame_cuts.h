@@ -48,16 +48,15 @@ class FrameCuts {
     explicit Sums(const FrameCuts& cuts);
     void Add(int frame_idx1, int frame_idx2, double amount);
     // Adds the amount once to each cut that separates any two of the frames.
-    void AddGroup(std::vector<int> frame_idxs, double amount);
+    // Returns the frames in depth-first order.
+    std::vector<int> AddGroup(std::vector<int> frame_idxs, double amount);
     // Adds the amount once to each cut that has at least two of the frames on
     // each side.
-    void AddTies(std::vector<int> frame_idxs, double amount);
+    void AddTies(const std::vector<int>& frame_idxs, double amount);
     // Per cut.
     std::vector<double> Finish() const;
 
    private:
-    void SortDepthFirst(std::vector<int>* frame_idxs) const;
-    void AddTour(const std::vector<int>& sorted, double amount);
     int JunctionOf(const std::vector<int>& sorted, size_t idx) const;
 
     const FrameCuts& cuts_;
