@@ -44,8 +44,8 @@ namespace mgsfm {
 // weight of its side (Schönberger, Frahm: Structure-from-Motion Revisited, CVPR
 // 2016), over the images of placed sensors. Ties go to the first frame. Only
 // frames with at least 0.8 of the largest number of visible points compete.
-// Neighbors of its frames in a sequence come first: a wrong loop then meets the
-// frames that contradict it. They need fewer inliers than others.
+// Frames next to the model in a sequence come first: a wrong loop then meets
+// the frames that contradict it. They need fewer inliers than others.
 //
 // A step registers the frame by LO-RANSAC over all of its cameras
 // (geometry/absolute_pose.h), triangulates its tracks, and adjusts the frame
@@ -87,7 +87,7 @@ struct IncrementalInput {
   // Per pair: not rejected by a rule. Pairs of places that look alike must be
   // rejected: growth cannot tell, because it sees no loop before it closes.
   const Mask& pair_is_used;
-  // Per pair: joins neighbors in a sequence.
+  // Per pair: joins neighbors in a sequence, without a break between them.
   const Mask& pair_is_of_neighbors;
 };
 

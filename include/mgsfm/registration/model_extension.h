@@ -36,11 +36,8 @@ struct ResectionOptions {
   double abs_pose_max_error_px = 12.0;
   // Minimum number of inliers, over all images of a frame, to register it.
   int abs_pose_min_num_inliers = 30;
-  // The same if neighbors of the frame in a sequence observe all of their
-  // points. At the smallest inlier ratio, these are 10 of 40 keypoints. In an
-  // image of 0.5 megapixels, the expected number of subsets of 10 that agree on
-  // a pose by chance is below 1e-9. Neighbors see the same place; other frames
-  // may see one that looks alike.
+  // The same for frames that growth adds next to their neighbors in a sequence,
+  // over points that these observe (docs/maths/incremental.md).
   int abs_pose_min_num_neighbor_inliers = 10;
   // Minimum inlier ratio, over all images of a frame, to register it.
   double abs_pose_min_inlier_ratio = 0.25;

@@ -57,15 +57,16 @@ size_t GrowingModel::NumObservations() const {
   return num;
 }
 
-bool GrowingModel::IsBeside(int frame_idx) const {
-  return AnyOf(input_.neighbors[frame_idx],
+bool GrowingModel::HasNeighborInModel(int frame_idx) const {
+  return AnyOf(input_.sequence_neighbors[frame_idx],
                [&](int other) { return HasFrame(other); });
 }
 
 int GrowingModel::MinNumInliers(int frame_idx) const {
   const ResectionOptions& options = input_.options.resection;
-  return IsBeside(frame_idx) ? options.abs_pose_min_num_neighbor_inliers
-                             : options.abs_pose_min_num_inliers;
+  return HasNeighborInModel(frame_idx)
+             ? options.abs_pose_min_num_neighbor_inliers
+             : options.abs_pose_min_num_inliers;
 }
 
 // --------------------------------------------------------------------- poses

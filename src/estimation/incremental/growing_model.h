@@ -22,8 +22,9 @@ struct GrowthInput : IncrementalInput {
   const Context& context;
   const ObservationGroups& tracks;
   std::vector<std::vector<TrackKeypoint>> keypoints;  // per image
-  // Per frame: its neighbors in a sequence that used pairs join to it.
-  std::vector<std::vector<int>> neighbors;
+  // Per frame: its neighbors in a sequence that used pairs join to it,
+  // ascending.
+  std::vector<std::vector<int>> sequence_neighbors;
   FixedPoses held = {};
 
   bool IsHeld(int frame_idx) const {
@@ -55,8 +56,7 @@ class GrowingModel {
   // last filtering.
   double median_distance() const { return median_distance_; }
 
-  // Whether a neighbor of the frame is in the model.
-  bool IsBeside(int frame_idx) const;
+  bool HasNeighborInModel(int frame_idx) const;
   // The fewest points with which the frame may register.
   int MinNumInliers(int frame_idx) const;
 

@@ -138,18 +138,19 @@ class Growth {
 
   std::optional<int> NextFrame() const {
     std::vector<int> num_visible(attempts_.size(), 0);
-    bool is_any_beside = false;
+    bool is_any_neighbor = false;
     for (size_t i = 0; i < num_visible.size(); ++i) {
       const int frame_idx = static_cast<int>(i);
       if (frame_is_taken_[i] || model_.HasFrame(frame_idx)) continue;
       const int num = model_.NumVisibleInFrame(frame_idx);
       if (num == 0 || !CanTry(frame_idx, num)) continue;
       num_visible[i] = num;
-      is_any_beside = is_any_beside || model_.IsBeside(frame_idx);
+      is_any_neighbor = is_any_neighbor || model_.HasNeighborInModel(frame_idx);
     }
-    if (is_any_beside) {
+    if (is_any_neighbor) {
       for (size_t i = 0; i < num_visible.size(); ++i) {
-        if (num_visible[i] > 0 && !model_.IsBeside(static_cast<int>(i))) {
+        if (num_visible[i] > 0 &&
+            !model_.HasNeighborInModel(static_cast<int>(i))) {
           num_visible[i] = 0;
         }
       }
@@ -160,7 +161,8 @@ class Growth {
   // The frame of the widest spread among those that see the most; nullopt if
   // all see nothing.
   std::optional<int> WidestOf(const std::vector<int>& num_visible) const {
-    const int most = *std::max_element(num_visible.begin(), num_visible.end());
+    int most = 0;
+    for (const int num : num_visible) most = std::max(most, num);
     std::optional<int> next;
     int widest = -1;
     for (size_t i = 0; most > 0 && i < num_visible.size(); ++i) {
@@ -188,7 +190,7 @@ class Growth {
       found = RegisterFrame(input_, model_, frame_idx);
     }
     Attempts& attempts = attempts_[frame_idx];
-    attempts.num_visible = found.num_keypoints;
+    attempts.num_visible = model_.NumVisibleInFrame(frame_idx);
     attempts.num_inliers = found.num_inliers;
     if (!found.rig_from_world) return false;
     ++attempts.num_registrations;

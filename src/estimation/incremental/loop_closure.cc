@@ -63,7 +63,7 @@ MatchesOfCameras SelectBy(const Rigid3& pose, bool is_inlier,
 MatchesOfCameras SelectOfNeighbors(const GrowthInput& input,
                                    const GrowingModel& model, int frame_idx,
                                    const MatchesOfCameras& matches) {
-  const std::vector<int>& neighbors = input.neighbors[frame_idx];
+  const std::vector<int>& neighbors = input.sequence_neighbors[frame_idx];
   return Select(matches, [&](size_t, int track_idx) {
     return AnyOf(model.ObserversOf(track_idx), [&](const Observation& o) {
       return std::binary_search(neighbors.begin(), neighbors.end(),
@@ -115,6 +115,22 @@ UnitPose Resect(const GrowthInput& input, const MatchesOfCameras& matches,
                     2 * static_cast<uint64_t>(frame_idx) + stream);
 }
 
+// Few points suffice if neighbors in a sequence observe them.
+void ResectByNeighbors(const GrowthInput& input, const GrowingModel& model,
+                       int frame_idx, const MatchesOfCameras& matches,
+                       FrameRegistration* registration) {
+  if (!model.HasNeighborInModel(frame_idx)) return;
+  ResectionOptions options = input.options.resection;
+  options.abs_pose_min_num_inliers = options.abs_pose_min_num_neighbor_inliers;
+  const UnitPose pose =
+      Resect(input, SelectOfNeighbors(input, model, frame_idx, matches),
+             options, frame_idx, 0);
+  if (!pose.unit_from_world) return;
+  registration->rig_from_world = pose.unit_from_world;
+  registration->num_inliers =
+      ScoreAbsolutePose(PointsOf(matches), *pose.unit_from_world).num_inliers;
+}
+
 // Whether scale drifts: no placed sensor has a baseline.
 bool ScaleDrifts(const GrowthInput& input, const GrowingModel& model) {
   for (size_t i = 0; i < input.scene.sensors.size(); ++i) {
@@ -155,18 +171,13 @@ FrameRegistration RegisterFrame(const GrowthInput& input,
                                 const GrowingModel& model, int frame_idx) {
   const ResectionOptions& options = input.options.resection;
   const MatchesOfCameras matches = model.MatchesOfFrame(frame_idx);
-  UnitPose pose = Resect(input, matches, options, frame_idx, 0);
-  const int num_keypoints = pose.num_keypoints;
-  if (!pose.unit_from_world && model.IsBeside(frame_idx)) {
-    ResectionOptions of_neighbors = options;
-    of_neighbors.abs_pose_min_num_inliers =
-        options.abs_pose_min_num_neighbor_inliers;
-    pose = Resect(input, SelectOfNeighbors(input, model, frame_idx, matches),
-                  of_neighbors, frame_idx, 0);
-  }
-  FrameRegistration registration{pose.unit_from_world, num_keypoints,
+  const UnitPose pose = Resect(input, matches, options, frame_idx, 0);
+  FrameRegistration registration{pose.unit_from_world, pose.num_keypoints,
                                  pose.num_inliers, std::nullopt};
-  if (!pose.unit_from_world) return registration;
+  if (!pose.unit_from_world) {
+    ResectByNeighbors(input, model, frame_idx, matches, &registration);
+    return registration;
+  }
   const MatchesOfCameras others =
       SelectBy(*pose.unit_from_world, false, matches);
   const UnitPose other = Resect(input, others, options, frame_idx, 1);

@@ -129,9 +129,10 @@ struct SensorPose {
   double sigma_rad = 0.0;
 };
 
-// The averaged rotation, which errors of intrinsics would turn if matches
-// refined it, and the direction by the matches of all frames: those of one may
-// be too few.
+// The averaged rotation, and the direction that the matches of all frames
+// determine together, because a single frame may have too few. Matches do not
+// refine the rotation: in a narrow overlap they determine only combinations of
+// rotation and direction, and errors of intrinsics turn it.
 std::optional<SensorPose> EstimateSensorPose(const MotionInput& input,
                                              const SensorPair& sensor_pair,
                                              Random* random) {

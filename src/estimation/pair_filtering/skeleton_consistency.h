@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -19,7 +20,8 @@ namespace mgsfm {
 // frames. Paths lead through its maximum spanning tree, weighted by the number
 // of matches. Between two components, only the parts of the path inside them
 // count. If a rule would reject more than a third of the pairs that it judges,
-// the skeletal graph must be wrong rather than the pairs, and it rejects none.
+// the skeletal graph must be wrong rather than the pairs, and the rule rejects
+// none.
 
 // The rotations of both images of a pair; nullopt unless the estimate relates
 // them.

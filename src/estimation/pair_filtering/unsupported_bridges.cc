@@ -46,9 +46,9 @@ std::vector<double> MatchesAgainst(const PairEvidence& evidence,
   return against.Finish();
 }
 
-// The pairs of links that alone connect frames, without support among links
-// with support, and that more matches contradict. A link is all consistent
-// pairs of two frames.
+// The pairs of bridges without support that join a frame with support, if
+// enough matches contradict the bridge. A link is all consistent pairs of two
+// frames; a bridge is the only link between two parts.
 Mask FindBridges(const PairEvidence& evidence, const Mask& pair_is_explained,
                  const std::vector<FramePair>& links) {
   Mask is_unsupported(evidence.pair_is_used.size(), false);

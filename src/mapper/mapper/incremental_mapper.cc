@@ -141,8 +141,8 @@ void MapByGrowth(const MapperRunInput& run, VerifiedPairs* pairs,
   JudgedPairs judged = JudgePairs(run, index, nullptr, pairs, &result->times);
   RejectByPositions(run, *pairs, index, &judged, &result->times);
   const Mask pair_is_used = UsablePairs(judged.rotations.verdicts);
-  IncrementalResult grown =
-      Grow(run, *pairs, pair_is_used, FindNeighbors(index), &result->times);
+  IncrementalResult grown = Grow(run, *pairs, pair_is_used,
+                                 FindPairsOfNeighbors(index), &result->times);
   SharedCalibration calibration(run.scene, run.lenses);
   for (Reconstruction& initial : grown.estimate) {
     if (!result->models.empty()) {

@@ -96,10 +96,11 @@ std::vector<size_t> PairsOfFrames(const Scene& scene,
   return pair_idxs;
 }
 
-// Per pair of a whole, the values of a part, which may be empty.
+// Replaces the values of some pairs, if there are any, by values of all pairs:
+// those at `pair_idxs` are the given ones.
 template <class T>
-void Spread(const std::vector<size_t>& pair_idxs, size_t num_pairs,
-            std::vector<T>* values) {
+void ExpandToWhole(const std::vector<size_t>& pair_idxs, size_t num_pairs,
+                   std::vector<T>* values) {
   if (values->empty()) return;
   std::vector<T> of_whole(num_pairs);
   for (size_t k = 0; k < pair_idxs.size(); ++k) {
@@ -122,26 +123,30 @@ MotionOfScene FindObjectsAmong(const Mask& frames, const MotionInput& input,
                          matches, input.rotations},
                         options, context);
   const size_t num_pairs = input.view_graph.pairs.size();
-  Spread(pair_idxs, num_pairs, &motion.verdicts);
-  Spread(pair_idxs, num_pairs, &motion.pair_of_scene);
-  Spread(pair_idxs, num_pairs, &motion.pair_on_path);
+  ExpandToWhole(pair_idxs, num_pairs, &motion.verdicts);
+  ExpandToWhole(pair_idxs, num_pairs, &motion.pair_of_scene);
+  ExpandToWhole(pair_idxs, num_pairs, &motion.pair_on_path);
   return motion;
 }
 
-// The frames that the model lacks, and those that share a pair with one.
-Mask FindNewFrames(const Scene& scene, const Reconstruction& model,
-                   const FramePairIndex& index) {
-  const auto is_new = [&](int frame_idx) {
-    return !model.rig_from_world[frame_idx];
-  };
-  Mask frames(scene.frames.size());
-  for (const FramePair& pair : index.frame_pairs()) {
-    if (is_new(pair.frame_idx1) || is_new(pair.frame_idx2)) {
-      frames[pair.frame_idx1] = true;
-      frames[pair.frame_idx2] = true;
+// The frames with images that the model lacks, and those that share a pair with
+// one.
+Mask FindFramesNearNew(const Scene& scene, const Reconstruction& model,
+                       const FramePairIndex& index) {
+  Mask is_new(scene.frames.size());
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    if (!model.IsRegistered(scene, static_cast<int>(i))) {
+      is_new[scene.images[i].frame_idx] = true;
     }
   }
-  return frames;
+  Mask is_near(scene.frames.size());
+  for (const FramePair& pair : index.frame_pairs()) {
+    if (is_new[pair.frame_idx1] || is_new[pair.frame_idx2]) {
+      is_near[pair.frame_idx1] = true;
+      is_near[pair.frame_idx2] = true;
+    }
+  }
+  return is_near;
 }
 
 }  // namespace
@@ -215,10 +220,22 @@ void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
   stage.Finish(times);
 }
 
-Mask FindNeighbors(const FramePairIndex& index) {
+Mask FindPairsOfNeighbors(const FramePairIndex& index) {
   Mask are_neighbors(index.num_pairs());
+  if (!index.is_sequence()) return are_neighbors;
+  std::vector<int> part_of_frame(index.num_frames(), 0);
+  int part = 0;
+  for (const std::vector<int>& sequence : index.order()->sequences()) {
+    for (const int frame_idx : sequence) {
+      if (index.order()->IsAfterBreak(frame_idx)) ++part;
+      part_of_frame[frame_idx] = part;
+    }
+  }
   for (size_t i = 0; i < are_neighbors.size(); ++i) {
-    are_neighbors[i] = index.is_sequence() && index.AreNeighbors(index.Of(i));
+    const FramePair& frames = index.Of(i);
+    are_neighbors[i] =
+        frames.IsBetweenFrames() && index.AreNeighbors(frames) &&
+        part_of_frame[frames.frame_idx1] == part_of_frame[frames.frame_idx2];
   }
   return are_neighbors;
 }
@@ -269,11 +286,11 @@ PairsToGrowOn JudgePairsOfExtension(const MapperRunInput& run,
       mode);
   const FramePairIndex index(run.scene, pairs->view_graph, all);
   const Mask frames =
-      FindNewFrames(run.scene, *run.input.existing_model, index);
+      FindFramesNearNew(run.scene, *run.input.existing_model, index);
   JudgedPairs judged =
       JudgePairs(run, index, selected ? &frames : nullptr, pairs, times);
   RejectByPositions(run, *pairs, index, &judged, times);
-  return {std::move(judged.rotations.verdicts), FindNeighbors(index)};
+  return {std::move(judged.rotations.verdicts), FindPairsOfNeighbors(index)};
 }
 
 }  // namespace mgsfm

@@ -13,6 +13,10 @@
 
 namespace mgsfm {
 
+// Which pairs a model may grow on. Growth registers one frame at a time and
+// sees no loop before it closes: pairs of two places that look alike attach the
+// frames of one place to the other, and what follows agrees with them.
+
 // Finds objects that move along with the rig of a sequence, if the rule is on,
 // by the pairs of the given frames; nullptr: of all. Pairs of which the static
 // scene is known replace those of the view graph. Logs how many others
@@ -21,10 +25,6 @@ namespace mgsfm {
     const MapperRunInput& run, const FramePairIndex& index, const Mask* frames,
     const RotationEstimate& rotations, VerifiedPairs* pairs,
     std::vector<StageTime>* times);
-
-// Which pairs a model may grow on. Growth registers one frame at a time and
-// sees no loop before it closes: pairs of two places that look alike attach the
-// frames of one place to the other, and what follows agrees with them.
 
 // Averages positions from pairs alone, per component, and rejects the pairs
 // that contradict them, by the rules on baselines (translation_averaging/
@@ -35,8 +35,8 @@ void RejectByPositions(const MapperRunInput& run, const VerifiedPairs& pairs,
                        const FramePairIndex& index, JudgedPairs* judged,
                        std::vector<StageTime>* times);
 
-// Per pair: joins neighbors in a sequence.
-[[nodiscard]] Mask FindNeighbors(const FramePairIndex& index);
+// Per pair: joins neighbors in a sequence, without a break between them.
+[[nodiscard]] Mask FindPairsOfNeighbors(const FramePairIndex& index);
 
 // The pairs that extend an existing model.
 struct PairsOfExtension {
@@ -54,14 +54,15 @@ struct PairsOfExtension {
 [[nodiscard]] std::optional<PairsOfExtension> SelectPairsOfExtension(
     const MapperRunInput& run);
 
-// The verdicts of all rules on verified pairs; `selected` is null if these are
-// all pairs. Order and reach of the frames are those of all pairs. Moving
-// objects are sought in pairs of new frames and of frames that share a pair
-// with these.
 struct PairsToGrowOn {
   PairVerdicts verdicts;
   Mask pair_is_of_neighbors;
 };
+
+// The verdicts of all rules on verified pairs; `selected` is null if these are
+// all pairs. Order and reach of the frames are those of all pairs. Moving
+// objects are sought in pairs of new frames and of frames that share a pair
+// with these.
 [[nodiscard]] PairsToGrowOn JudgePairsOfExtension(
     const MapperRunInput& run, const PairsOfExtension* selected,
     VerifiedPairs* pairs, std::vector<StageTime>* times);

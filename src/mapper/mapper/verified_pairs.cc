@@ -2,7 +2,6 @@
 #include "mapper/verified_pairs.h"
 
 #include <cstddef>
-#include <string>
 #include <utility>
 #include <vector>
 
