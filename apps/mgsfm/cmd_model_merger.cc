@@ -51,6 +51,13 @@ struct ModelMergerOptions {
       "input_path", "",
       "Join the sub-maps in this folder with graph: an output folder of the "
       "mapper for each cluster, named 0, 1, ..."};
+  Option<std::string> existing_path{
+      "existing_path", "",
+      "Join the sub-maps of graph to the finished map in this output folder of "
+      "the mapper or model_merger, which has no measured positions. Its frames "
+      "and calibration stay as they are, unless the sub-maps contradict them. "
+      "If sub-maps connect several models of the map, only the largest of "
+      "these stays."};
   Option<std::string> cluster_path{
       "cluster_path", "",
       "Report clusters without a model by their names in this folder of mapper "
@@ -92,8 +99,8 @@ struct ModelMergerOptions {
   void Describe(Visitor& visit) {
     visit(input_path1, input_path2, output_path, min_common_images,
           max_reproj_error, output_format, rigs, graph, input_path,
-          cluster_path, database_path, image_path, write_report, refine,
-          compute_covariances, max_memory_mib, priors);
+          existing_path, cluster_path, database_path, image_path, write_report,
+          refine, compute_covariances, max_memory_mib, priors);
     visit.Group("Join", join);
     visit.Group("BundleAdjustment", bundle_adjustment);
   }
@@ -109,7 +116,8 @@ JoinedMaps Join(const ModelMergerOptions& options, const SubMapFiles& files,
   for (const std::string& folder : files.folders) {
     models.push_back(ReadModelFile(folder, options.rigs, context).model);
   }
-  return JoinSubMaps(std::move(models), pairs, options.join, context);
+  return JoinSubMaps(std::move(models), pairs, options.join, context,
+                     files.num_existing);
 }
 
 Json DescribeEdge(const SubMapEdge& edge) {
@@ -128,7 +136,8 @@ Json DescribeEdge(const SubMapEdge& edge) {
 Json DescribeSubMaps(const SubMapFiles& files, const JoinedMaps& joined) {
   Json json{{"sub_maps", Json::array()}};
   for (size_t i = 0; i < files.folders.size(); ++i) {
-    Json sub_map{{"path", files.folders[i]}, {"cluster", files.clusters[i]}};
+    Json sub_map{{"path", files.folders[i]}};
+    if (files.clusters[i]) sub_map["cluster"] = *files.clusters[i];
     if (!joined.conflicts[i].empty()) sub_map["conflict"] = joined.conflicts[i];
     json["sub_maps"].push_back(std::move(sub_map));
   }
@@ -249,12 +258,18 @@ MapperRun RunOf(const ModelMergerOptions& options) {
   return run;
 }
 
+// What the sub-maps tell about a joined model.
+struct KnownParts {
+  std::optional<WorldOfParts> world;
+  Mask existing_frames;  // of a finished map; empty: none
+  std::optional<size_t> max_num_observations;
+};
+
 // Adjusts a joined model and writes it into the folder.
-FinishedModel FinishModel(const ModelMergerOptions& options,
-                          std::optional<size_t> max_num_observations,
-                          const std::optional<WorldOfParts>& world,
+FinishedModel FinishModel(const ModelMergerOptions& options, KnownParts parts,
                           const fs::path& folder, SceneModel model,
                           const Context& context) {
+  const std::optional<WorldOfParts>& world = parts.world;
   const MapperRun run = RunOf(options);
   FinishedModel done;
   done.input.scene = std::move(model.scene);
@@ -263,7 +278,8 @@ FinishedModel FinishModel(const ModelMergerOptions& options,
   if (!run.database_path.empty()) ReadPriors(run, context, &done.input);
   done.result = AdjustJoinedModel(
       {scene, done.input.position_priors, done.input.gravity_priors,
-       world ? &world->poses : nullptr, options.refine, max_num_observations},
+       world ? &world->poses : nullptr, options.refine,
+       parts.max_num_observations, std::move(parts.existing_frames)},
       run.mapper, context, std::move(model.reconstruction));
   ColorModels(scene, run.image_path, context, &done.result);
   done.input.view_graph = ReadViewGraph(run.database_path, scene, context);
@@ -324,8 +340,10 @@ void LogIfRigsAreRefined(const ModelMergerOptions& options,
   const bool have_rigs = AnyOf(models, [](const SceneModel& model) {
     return model.scene.sensors.size() > model.scene.rigs.size();
   });
-  if (!options.refine || !options.rigs.rig_config_path->empty() || !have_rigs)
+  if (!options.refine || !options.rigs.rig_config_path->empty() ||
+      !options.existing_path->empty() || !have_rigs) {
     return;
+  }
   context.Info(
       "bundle adjustment refines the poses of the cameras in their rigs; set "
       "--rig_config_path to keep known ones");
@@ -341,6 +359,41 @@ std::optional<size_t> LimitObservations(const ModelMergerOptions& options,
   if (limit)
     context.Info("bundle adjustment selects tracks that fit the memory");
   return limit;
+}
+
+// The first given option that needs everything to be adjusted; empty: none.
+std::string OptionAgainstHolding(const ModelMergerOptions& options) {
+  const PosePriorOptions& priors = options.priors;
+  if (priors.use_prior_position) return "--use_prior_position";
+  if (!priors.ref_images_path->empty()) return "--ref_images_path";
+  if (priors.use_prior_gravity) return "--use_prior_gravity";
+  if (!priors.gravity_path->empty()) return "--gravity_path";
+  if (options.max_memory_mib > 0) return "--max_memory";
+  return "";
+}
+
+void CheckExistingPath(const ModelMergerOptions& options) {
+  if (options.existing_path->empty()) return;
+  if (!options.graph) {
+    throw Error(
+        "--existing_path belongs to the join of sub-maps; set --graph 1 and "
+        "--input_path");
+  }
+  const std::string other = OptionAgainstHolding(options);
+  if (!other.empty()) {
+    throw Error("--existing_path cannot be used with " + other +
+                "; omit --existing_path and give the finished map as a sub-map "
+                "of --input_path, which adjusts everything");
+  }
+  std::error_code ignored;
+  fs::path existing = NormalizedFolder(*options.existing_path);
+  if (IsModelFolderName(existing.filename())) existing = existing.parent_path();
+  if (existing.empty()) existing = ".";
+  if (fs::equivalent(existing, *options.output_path, ignored) ||
+      fs::equivalent(*options.existing_path, *options.output_path, ignored)) {
+    throw Error("'" + *options.output_path +
+                "' holds the finished map; choose another --output_path");
+  }
 }
 
 void CheckUsage(const ModelMergerOptions& options) {
@@ -360,6 +413,37 @@ void CheckUsage(const ModelMergerOptions& options) {
   CheckImagePath(options.image_path);
 }
 
+// Warns if no joined model has frames of the finished map and of sub-maps.
+void LogIfMapIsApart(const ModelMergerOptions& options, int num_existing,
+                     const JoinedMaps& joined, const Context& context) {
+  const bool is_extended =
+      AnyOf(joined.sub_maps, [&](const std::vector<int>& sub_maps) {
+        return sub_maps.front() < num_existing &&
+               sub_maps.back() >= num_existing;
+      });
+  if (num_existing == 0 || is_extended) return;
+  context.Warning(
+      "nothing connects the finished map '" + *options.existing_path +
+      "' of --existing_path and the sub-maps, which stay separate models; " +
+      (options.database_path->empty()
+           ? "set --database_path to a database with matches between them"
+           : "match images of both, for example with vocab_tree_matcher"));
+}
+
+// What the sub-maps tell about a joined model.
+KnownParts FindParts(const SubMapFiles& files,
+                     const std::vector<SubMapFacts>& facts,
+                     const std::vector<int>& sub_maps, const SceneModel& model,
+                     const Context& context) {
+  KnownParts parts;
+  parts.world = FindWorld(model, sub_maps, facts, context);
+  if (sub_maps.front() >= files.num_existing) return parts;
+  const SubMapFacts& existing = facts[sub_maps.front()];
+  parts.existing_frames = FramesOf(existing, model.scene);
+  if (!existing.is_registered) parts.world.reset();
+  return parts;
+}
+
 // Finishes all joined models in the folder, and writes report.json there.
 // Returns the models and the report.
 std::pair<std::vector<FinishedModel>, std::string> FinishModels(
@@ -368,6 +452,7 @@ std::pair<std::vector<FinishedModel>, std::string> FinishModels(
     const Context& context) {
   JoinedMaps joined = Join(options, files, facts, context);
   LogEdges(files, joined, context);
+  LogIfMapIsApart(options, files.num_existing, joined, context);
   Json report = DescribeSubMaps(files, joined);
   LogIfRigsAreRefined(options, joined.models, context);
   LogUnusedPriors(options.priors, facts, context);
@@ -377,15 +462,19 @@ std::pair<std::vector<FinishedModel>, std::string> FinishModels(
   std::vector<FinishedModel> models;
   for (size_t i = 0; i < joined.models.size(); ++i) {
     const std::vector<int>& sub_maps = joined.sub_maps[i];
-    const auto world = FindWorld(joined.models[i], sub_maps, facts, context);
-    models.push_back(FinishModel(options, max_num_observations, world,
+    KnownParts parts =
+        FindParts(files, facts, sub_maps, joined.models[i], context);
+    parts.max_num_observations = max_num_observations;
+    const bool has_world = parts.world.has_value();
+    models.push_back(FinishModel(options, std::move(parts),
                                  output / std::to_string(i),
                                  std::move(joined.models[i]), context));
     const auto& [input, result] = models.back();
     const auto& positions = result.models.front().position_priors;
     AddToReport(
         MapperReportToJson(input.scene, input.view_graph, result, description),
-        sub_maps, world && !(positions && positions->is_registered), &report);
+        sub_maps, has_world && !(positions && positions->is_registered),
+        &report);
     const Json& counts = report["models"].back();
     context.Info("model " + std::to_string(i) + ": " +
                  counts["num_frames"].dump() + " frames, " +
@@ -410,13 +499,14 @@ int JoinClusters(const ModelMergerOptions& options, const Context& context) {
   CheckUsage(options);
   ReturnLargeBlocks();
   StagedOutput output(*options.output_path);
-  const SubMapFiles files =
-      FindSubMaps(options.input_path, options.cluster_path);
+  const SubMapFiles files = FindSubMaps(
+      options.input_path, options.cluster_path, options.existing_path);
   LogMissing(files, context);
-  if (files.folders.empty()) {
+  if (files.folders.size() == static_cast<size_t>(files.num_existing)) {
     context.log(LogLevel::kError, "'" + *options.input_path +
-                                      "' has no model of any cluster; map the "
-                                      "clusters first");
+                                      "' has no model of any cluster; check "
+                                      "--input_path, or map the clusters "
+                                      "first");
     return kExitNotSolvable;
   }
   const auto facts = Transformed(files.folders, ReadSubMapFacts);
@@ -447,6 +537,7 @@ void LogSummary(const MergeSummary& summary, const Context& context) {
 }
 
 int RunModelMerger(const ModelMergerOptions& options, const Context& context) {
+  CheckExistingPath(options);
   if (options.graph) return JoinClusters(options, context);
   if (options.input_path1->empty() || options.input_path2->empty()) {
     throw Error(

@@ -44,32 +44,60 @@ std::vector<int> NumberedFolders(const fs::path& folder) {
   return numbers;
 }
 
+// Throws Error if the folder is one of the finished map, whose frames it would
+// add as new ones.
+void CheckIsNew(const fs::path& folder, const SubMapFiles& files) {
+  for (int i = 0; i < files.num_existing; ++i) {
+    if (!fs::equivalent(folder, files.folders[i])) continue;
+    throw Error("'" + folder.string() +
+                "' is a sub-map of --input_path and a model of "
+                "--existing_path; move it out of the folder --input_path");
+  }
+}
+
+// Adds the models in the folder of a cluster. Returns whether there are any.
+bool AddModels(const fs::path& folder, std::optional<int> cluster,
+               SubMapFiles* files) {
+  std::vector<fs::path> paths = {folder};  // model_splitter's are models
+  for (const int model : NumberedFolders(folder)) {
+    paths.push_back(folder / std::to_string(model));
+  }
+  const size_t num_before = files->folders.size();
+  for (const fs::path& path : paths) {
+    if (!fs::is_directory(path) || !ListFolder(path).HoldsModel()) continue;
+    CheckIsNew(path, *files);
+    files->folders.push_back(path.string());
+    files->clusters.push_back(cluster);
+  }
+  return files->folders.size() > num_before;
+}
+
 }  // namespace
 
+fs::path NormalizedFolder(const std::string& path) {
+  const fs::path folder = fs::path(path).lexically_normal();
+  return folder.has_filename() ? folder : folder.parent_path();
+}
+
 SubMapFiles FindSubMaps(const std::string& input_path,
-                        const std::string& cluster_path) {
+                        const std::string& cluster_path,
+                        const std::string& existing_path) {
   SubMapFiles files;
+  if (!existing_path.empty()) {
+    if (!AddModels(NormalizedFolder(existing_path), std::nullopt, &files)) {
+      throw Error("'" + existing_path +
+                  "' has no model; set --existing_path to the output folder of "
+                  "the finished map");
+    }
+    files.num_existing = static_cast<int>(files.folders.size());
+  }
   std::vector<int> clusters = NumberedFolders(input_path);
   if (!cluster_path.empty()) {
     clusters = Indices(CountClusters(cluster_path));
   }
   for (const int cluster : clusters) {
     const fs::path folder = fs::path(input_path) / std::to_string(cluster);
-    // Folders of model_splitter are models themselves.
-    bool has_model =
-        fs::is_directory(folder) && ListFolder(folder).HoldsModel();
-    if (has_model) {
-      files.folders.push_back(folder.string());
-      files.clusters.push_back(cluster);
-    }
-    for (const int model : NumberedFolders(folder)) {
-      const fs::path path = folder / std::to_string(model);
-      if (!ListFolder(path).HoldsModel()) continue;
-      files.folders.push_back(path.string());
-      files.clusters.push_back(cluster);
-      has_model = true;
-    }
-    if (has_model) continue;
+    if (AddModels(folder, cluster, &files)) continue;
     files.missing.push_back(folder.string());
   }
   return files;
@@ -94,6 +122,16 @@ SubMapFacts ReadSubMapFacts(const fs::path& folder) {
   const Json::json_pointer registered("/position_priors/is_registered");
   facts.is_registered |= model.value(registered, false);
   return facts;
+}
+
+Mask FramesOf(const SubMapFacts& facts, const Scene& scene) {
+  std::set<std::string> names;
+  for (const auto& [name, pose] : facts.cam_from_world) names.insert(name);
+  Mask frames(scene.frames.size(), false);
+  for (const Image& image : scene.images) {
+    if (names.count(image.name) > 0) frames[image.frame_idx] = true;
+  }
+  return frames;
 }
 
 std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,

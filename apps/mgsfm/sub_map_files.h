@@ -10,6 +10,7 @@
 
 #include "fleet/sub_maps.h"
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/model_tools/model_tools.h"
 #include "mgsfm/scene/estimates.h"
@@ -18,15 +19,24 @@ namespace mgsfm {
 
 struct SubMapFiles {
   std::vector<std::string> folders;  // of the models that exist
-  std::vector<int> clusters;         // per folder
+  // Per folder; nullopt for the models of a finished map, which come first.
+  std::vector<std::optional<int>> clusters;
+  int num_existing = 0;
   std::vector<std::string> missing;  // folders of clusters without models
 };
 
+// The path without a slash at its end, so that its last part is the name of the
+// folder.
+std::filesystem::path NormalizedFolder(const std::string& path);
+
 // The sub-maps in the folder `input_path`, whose folders are named by clusters.
 // All clusters of the partition in `cluster_path`, if it is given, should have
-// one. Throws Error if a folder cannot be read.
+// one. The models of a finished map in the folder `existing_path`, if it is
+// given, come first. Throws Error if a folder cannot be read, or if a model of
+// the finished map is also a sub-map.
 SubMapFiles FindSubMaps(const std::string& input_path,
-                        const std::string& cluster_path);
+                        const std::string& cluster_path,
+                        const std::string& existing_path);
 
 // Facts about a sub-map that its run reports beside its model.
 struct SubMapFacts {
@@ -39,6 +49,9 @@ struct SubMapFacts {
 
 // The report of the run of a sub-map may be missing.
 SubMapFacts ReadSubMapFacts(const std::filesystem::path& folder);
+
+// The frames of a scene with images of the sub-map.
+Mask FramesOf(const SubMapFacts& facts, const Scene& scene);
 
 // Pairs of images that are both in models, but not in the same model. None
 // without a database.

@@ -60,6 +60,17 @@ class SubMapCommands : public SharedDriveTest {
            " --output_path " + Path(name);
   }
   CommandOutput Join() const { return Run(JoinTo("joined")); }
+  double MeanError(const std::string& model) const {
+    return Evaluate(Path(model))["position_m"]["mean"].get<double>();
+  }
+  // The command must end without output, and state the text.
+  void ExpectRefused(const std::string& arguments,
+                     const std::string& text) const {
+    const CommandOutput refused = RunMgsfm(arguments);
+    EXPECT_NE(refused.exit_code, 0) << arguments;
+    EXPECT_THAT(LastWord(refused), HasSubstr(text)) << arguments;
+    EXPECT_FALSE(fs::exists(Path("refused"))) << arguments;
+  }
   Json Evaluate(const std::string& model) const {
     Run("model_evaluator --input_path " + model + " --gt_path " + In() +
         "/truth --json " + Path("errors.json"));
@@ -116,6 +127,130 @@ TEST_F(SubMapCommands, LimitOfMemorySelectsTracks) {
     return report["models"][0]["num_observations"].get<double>();
   };
   EXPECT_GT(num_observations("small"), 0.97 * num_observations("joined"));
+}
+
+// One cluster is added to the model of the others, which stays as it is.
+TEST_F(SubMapCommands, FinishedMapIsExtended) {
+  MapAll(Partition(3));
+  fs::create_directory(Path("new"));
+  fs::rename(Path("maps/2"), Path("new/0"));
+  const std::string join =
+      "model_merger --graph 1 --database_path " + Database() + " --input_path ";
+  Run(join + Path("maps") + " --output_path " + Path("finished"));
+  Run(join + Path("new") + " --existing_path " + Path("finished") +
+      "/ --output_path " + Path("joined"));
+  const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
+  const Json& finished = report["models"][0]["finished_map"];
+  EXPECT_TRUE(finished["frames_are_fixed"]) << finished;
+  EXPECT_EQ(report["sub_maps"][0]["path"], Path("finished/0"));
+  EXPECT_FALSE(report["sub_maps"][0].contains("cluster"));
+  EXPECT_EQ(report["sub_maps"][1]["cluster"], 0);
+  EXPECT_EQ(ReadTextFile(Path("joined/0/rig_config.json")),
+            ReadTextFile(Path("finished/0/rig_config.json")));
+  std::map<std::string, Rigid3> joined;
+  for (const ModelImage& image : ReadModelPoses(Path("joined/0")).images) {
+    joined.emplace(image.name, image.cam_from_world);
+  }
+  EXPECT_EQ(joined.size(), 120u);
+  for (const ModelImage& image : ReadModelPoses(Path("finished/0")).images) {
+    // Files have poses of images, which are rounded once more.
+    EXPECT_LT(
+        (joined.at(image.name).Center() - image.cam_from_world.Center()).norm(),
+        1e-9);
+  }
+  // Two thirds of the observations determine the map, so that its errors are
+  // the root of 3/2 of those by all.
+  const double error = MeanError("joined/0");
+  fs::rename(Path("finished"), Path("new/1"));
+  Run(join + Path("new") + " --output_path " + Path("all"));
+  EXPECT_LT(error, 1.25 * MeanError("all/0"));
+}
+
+TEST_F(SubMapCommands, FinishedMapIsRefusedWithWhatMovesIt) {
+  Run("model_splitter --input_path " + In() + "/truth --output_path " +
+      Path("maps") + " --num_clusters 2 --num_overlap_frames 4");
+  fs::create_directory(Path("finished"));
+  fs::rename(Path("maps/0"), Path("finished/0"));
+  fs::create_directory(Path("empty"));
+  const std::string existing = " --existing_path " + Path("finished");
+  const std::string to_output = " --output_path " + Path("refused");
+  const std::string join = "model_merger --graph 1 --input_path ";
+  const std::string given = join + Path("maps") + existing + to_output;
+  const auto refused_with = [](const std::string& option) {
+    return "--existing_path cannot be used with " + option + "; omit";
+  };
+  ExpectRefused(given + " --max_memory 1000", refused_with("--max_memory"));
+  for (const std::string option :
+       {"use_prior_position 1", "gravity_path g.txt", "ref_images_path p.txt",
+        "use_prior_gravity 1"}) {
+    const std::string name = "--" + option.substr(0, option.find(' '));
+    ExpectRefused(given + " --database_path " + Database() + " --" + option,
+                  refused_with(name));
+  }
+  for (const std::string input : {"empty", "missing"}) {
+    const CommandOutput output =
+        RunMgsfm(join + Path(input) + existing + to_output);
+    EXPECT_EQ(output.exit_code, 2);
+    EXPECT_THAT(output.err, HasSubstr("'" + Path(input) +
+                                      "' has no model of any cluster; check "
+                                      "--input_path"));
+    EXPECT_FALSE(fs::exists(Path("refused")));
+  }
+  ExpectRefused(
+      join + Path("maps") + " --existing_path " + Path("empty") + to_output,
+      "has no model; set --existing_path");
+  ExpectRefused(join + Path("finished") + existing + to_output,
+                "move it out of the folder --input_path");
+  ExpectRefused(
+      "model_merger --input_path " + Path("maps") + existing + to_output,
+      "set --graph 1");
+  for (const std::string map : {"", "/", "/0/"}) {
+    ExpectRefused(join + Path("maps") + existing + map + " --output_path " +
+                      Path("finished"),
+                  "holds the finished map; choose another --output_path");
+  }
+  EXPECT_FALSE(fs::exists(Path("finished/report.json")));
+}
+
+TEST_F(SubMapCommands, FinishedMapThatNothingConnectsIsReported) {
+  Run("model_splitter --input_path " + In() + "/truth --output_path " +
+      Path("parts") + " --num_clusters 5 --num_overlap_frames 3");
+  const auto names = [&](const std::string& part) {
+    std::set<std::string> found;
+    for (const ModelImage& image : ReadModelPoses(Path(part)).images) {
+      found.insert(image.name);
+    }
+    return found;
+  };
+  const std::set<std::string> finished = names("parts/0");
+  fs::create_directory(Path("maps"));
+  for (int i = 1; i < 5; ++i) {
+    const std::string part = "parts/" + std::to_string(i);
+    const std::set<std::string> others = names(part);
+    const bool is_apart = std::none_of(
+        others.begin(), others.end(),
+        [&](const std::string& name) { return finished.count(name) > 0; });
+    if (!is_apart) continue;
+    fs::rename(Path(part), Path("maps/0"));
+    break;
+  }
+  fs::rename(Path("parts/0"), Path("finished"));
+  const CommandOutput output =
+      Run("model_merger --graph 1 --input_path " + Path("maps") +
+          " --existing_path " + Path("finished") + " --output_path " +
+          Path("joined"));
+  EXPECT_THAT(output.err, HasSubstr("nothing connects the finished map '" +
+                                    Path("finished") + "' of --existing_path"));
+  EXPECT_THAT(output.err, HasSubstr("set --database_path"));
+  const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
+  ASSERT_EQ(report["models"].size(), 2u);
+  for (const Json& model : report["models"]) {
+    const bool is_map = model["sub_maps"][0] == 0;
+    ASSERT_EQ(model.contains("finished_map"), is_map);
+    if (!is_map) continue;
+    EXPECT_TRUE(model["finished_map"]["frames_are_fixed"]);
+    EXPECT_EQ(model["finished_map"]["bend"], 0.0);
+  }
 }
 
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {

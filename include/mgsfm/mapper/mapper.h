@@ -129,6 +129,19 @@ struct MapperOptions {
   }
 };
 
+// What a join did with the frames of a finished map.
+struct FinishedMapSummary {
+  int num_existing_frames = 0;
+  bool frames_are_fixed = false;  // if not, everything was adjusted
+  // What the map costs new frames, relative to the most that chance explains;
+  double bend = 0.0;  // above 1, everything is adjusted
+
+  auto Fields() const {
+    return Named("num_existing_frames", num_existing_frames, "frames_are_fixed",
+                 frames_are_fixed, "bend", bend);
+  }
+};
+
 struct MapperModel {
   Reconstruction reconstruction;    // indices refer to the whole scene
   int num_frames_in_component = 0;  // before translation averaging
@@ -142,6 +155,7 @@ struct MapperModel {
   std::optional<CovarianceResult> covariances;  // if requested
   std::optional<RigDelays> delays;              // for rigs with several cameras
   std::optional<ExtensionSummary> extension;  // if it extends an existing model
+  std::optional<FinishedMapSummary> finished_map;  // if it was joined to one
   // Models with this flag have the same unit of length, defined by the
   // baselines of their rig.
   bool has_shared_unit = false;

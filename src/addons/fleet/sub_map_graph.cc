@@ -293,12 +293,6 @@ double PathLength(const SceneModel& model) {
   return length;
 }
 
-Sim3 Compose(const Sim3& c_from_b, const Sim3& b_from_a) {
-  return {c_from_b.scale * b_from_a.scale,
-          (c_from_b.rotation * b_from_a.rotation).normalized(),
-          c_from_b * b_from_a.translation};
-}
-
 std::vector<GraphEdge> ToGraph(const std::vector<SubMapEdge>& edges) {
   // One common image, which is the same by name, outweighs all points.
   constexpr double kWeightOfImage = 1e6;
@@ -428,6 +422,12 @@ double StepSimilarities(const std::vector<SubMapEdge>& edges,
 }
 
 }  // namespace
+
+Sim3 Compose(const Sim3& c_from_b, const Sim3& b_from_a) {
+  return {c_from_b.scale * b_from_a.scale,
+          (c_from_b.rotation * b_from_a.rotation).normalized(),
+          c_from_b * b_from_a.translation};
+}
 
 std::vector<SubMapEdge> MeasureEdges(const std::vector<SceneModel>& sub_maps,
                                      const std::vector<CrossPair>& pairs,

@@ -49,4 +49,6 @@ std::vector<Sim3> AverageSimilarities(const std::vector<SceneModel>& sub_maps,
                                       const std::vector<SubMapEdge>& edges,
                                       const std::vector<int>& forest);
 
+Sim3 Compose(const Sim3& c_from_b, const Sim3& b_from_a);
+
 }  // namespace mgsfm

@@ -45,6 +45,19 @@ std::vector<std::vector<int>> OrderOfMerging(
   return components;
 }
 
+// Merges a sub-map of the component first, and gives the component its world.
+void StartAt(int first, std::vector<int>* component,
+             std::vector<Sim3>* world_from) {
+  std::vector<int>& order = *component;
+  std::stable_partition(order.begin(), order.end(),
+                        [&](int m) { return m == first; });
+  const Sim3 first_from_world = (*world_from)[first].Inverse();
+  for (const int m : order) {
+    Sim3& from = (*world_from)[m];
+    from = m == first ? Sim3() : Compose(first_from_world, from);
+  }
+}
+
 // The points of both keypoints of a match; nullopt for keypoints without a
 // point.
 struct MatchedPoints {
@@ -269,19 +282,22 @@ void SortModels(JoinedMaps* joined) {
 
 JoinedMaps JoinSubMaps(std::vector<SceneModel> sub_maps,
                        const std::vector<CrossPair>& pairs,
-                       const JoinOptions& options, const Context& context) {
+                       const JoinOptions& options, const Context& context,
+                       int num_existing) {
   JoinedMaps joined;
   joined.edges = MeasureEdges(sub_maps, pairs, options);
   const std::vector<int> forest =
       RejectWrongLoops(sub_maps, options, &joined.edges);
   const std::vector<CrossPair> trusted =
       TrustedPairs(sub_maps, joined.edges, pairs);
-  const std::vector<Sim3> world_from =
+  std::vector<Sim3> world_from =
       AverageSimilarities(sub_maps, joined.edges, forest);
   joined.conflicts.resize(sub_maps.size());
-  for (const std::vector<int>& component :
+  for (std::vector<int>& component :
        OrderOfMerging(sub_maps.size(), joined.edges, forest)) {
     context.CheckInterrupted();
+    const int first = *std::min_element(component.begin(), component.end());
+    if (first < num_existing) StartAt(first, &component, &world_from);
     MergeComponent(component, world_from, trusted, &sub_maps, &joined);
   }
   SortModels(&joined);

@@ -74,9 +74,12 @@ struct JoinedMaps {
 // Places the sub-maps by sub_map_graph.h and merges them, largest first. Points
 // are merged if they share an observation, or if a match connects them across
 // two sub-maps with a used edge and both are in about the same direction. Such
-// matches also add keypoints without a point to tracks.
+// matches also add keypoints without a point to tracks. The first
+// `num_existing` sub-maps are models of a finished map: the first one in a
+// joined model gives it its world and calibration.
 JoinedMaps JoinSubMaps(std::vector<SceneModel> sub_maps,
                        const std::vector<CrossPair>& pairs,
-                       const JoinOptions& options, const Context& context);
+                       const JoinOptions& options, const Context& context,
+                       int num_existing = 0);
 
 }  // namespace mgsfm

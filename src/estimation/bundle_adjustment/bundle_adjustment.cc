@@ -116,6 +116,8 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
       sensor_is_seen[scene.images[o.image_idx].sensor_idx] = true;
     }
   }
+  result->summary.weak_frame_idxs.clear();
+  result->summary.sensor_idxs_without_observations.clear();
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     if (!result->estimate.rig_from_world[i]) continue;
     if (num_of_frame[i] < options.min_num_observations_per_frame) {

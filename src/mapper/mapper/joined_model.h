@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/mapper/mapper.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/priors.h"
@@ -24,6 +25,10 @@ struct JoinedModel {
   // Bundle adjustment selects tracks with at most that many observations
   // (bundle_adjustment/solve.h).
   std::optional<size_t> max_num_observations = {};
+  // The frames of a finished map. The model has the world and the calibration
+  // of the map, and there are no positions, no gravity and no limit of
+  // observations. Empty: there is no finished map.
+  Mask existing_frames = {};
 };
 
 // Adjusts a joined model as the mapper adjusts its models: registration and
@@ -32,6 +37,16 @@ struct JoinedModel {
 // frames. Tracks of the points replace the matches, so that the memory is that
 // of bundle adjustment. For lack of matches, the confidence counts nothing
 // against a cut, and delays of cameras are not estimated.
+//
+// The existing frames, their calibration and the points that only they observe
+// stay as they are in bundle adjustment, unless they contradict the new frames.
+// Let E be the cost of the keypoints of the new frames alone, with the best
+// points. E is higher at the poses beside the map than at its own optimum. If
+// the map is right, 2 E rises by at most a chi-square variable, in units of the
+// variance of the keypoints, with six degrees of freedom for each new frame but
+// one that shares points with the map. If 2 E rises by more than the mean of
+// such a variable and kRareErrorInSigmas of its standard deviations, or if a
+// solve fails, everything is adjusted.
 //
 // Points keep their colors. The result has one model, findings about it, the
 // sensors of the rotation summary, and the frames without a pose.

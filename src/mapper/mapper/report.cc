@@ -188,6 +188,7 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
     json["kept_matches"] = ToJson(scene, model.kept_matches);
   }
   add("extension", model.extension);
+  add("finished_map", model.finished_map);
   if (!model.extension) {
     json["tracks"] = fields.ToJson(model.tracks);
     json["translation_averaging"] = fields.ToJson(model.translation);
