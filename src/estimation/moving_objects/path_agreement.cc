@@ -187,8 +187,8 @@ RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
 
 AmbiguousSteps FindAmbiguousSteps(const FramePairIndex& index,
                                   const RigPath& path) {
-  const AmbiguousSteps none{Mask(index.num_pairs(), false),
-                            Mask(index.num_frames(), false)};
+  AmbiguousSteps none{Mask(index.num_pairs(), false),
+                      Mask(index.num_frames(), false)};
   AmbiguousSteps steps = none;
   int num_steps = 0, num_ambiguous = 0;
   for (const std::vector<int>& sequence : index.order()->sequences()) {
