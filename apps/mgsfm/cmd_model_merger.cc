@@ -258,7 +258,7 @@ MapperRun RunOf(const ModelMergerOptions& options) {
   return run;
 }
 
-// What the sub-maps tell about a joined model.
+// The facts about a joined model that its sub-maps state.
 struct KnownParts {
   std::optional<WorldOfParts> world;
   Mask existing_frames;  // of a finished map; empty: none
@@ -430,7 +430,7 @@ void LogIfMapIsApart(const ModelMergerOptions& options, int num_existing,
            : "match images of both, for example with vocab_tree_matcher"));
 }
 
-// What the sub-maps tell about a joined model.
+// Collects these facts, but for the limit of observations.
 KnownParts FindParts(const SubMapFiles& files,
                      const std::vector<SubMapFacts>& facts,
                      const std::vector<int>& sub_maps, const SceneModel& model,

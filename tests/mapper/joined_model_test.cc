@@ -180,7 +180,7 @@ TEST_F(FinishedMapTest, IsAdjustedIfNewFramesContradictIt) {
   const MapperModel model = Adjust(joined, true);
   ASSERT_TRUE(model.finished_map);
   EXPECT_FALSE(model.finished_map->frames_are_fixed);
-  EXPECT_GT(model.finished_map->bend, 1.0);
+  EXPECT_GT(model.finished_map->bend.value(), 1.0);
   const MapperModel all = Adjust(joined, false);
   for (size_t f = 0; f < kNumFrames; ++f) {
     // The order of points changes only rounding, to which solves that stop at

@@ -129,12 +129,14 @@ struct MapperOptions {
   }
 };
 
-// What a join did with the frames of a finished map.
+// The treatment of the frames of a finished map in a join.
 struct FinishedMapSummary {
   int num_existing_frames = 0;
   bool frames_are_fixed = false;  // if not, everything was adjusted
-  // What the map costs new frames, relative to the most that chance explains;
-  double bend = 0.0;  // above 1, everything is adjusted
+  // The cost of the map for new frames, relative to the most that chance
+  // explains; above 1, everything is adjusted. nullopt if a solve fails, or if
+  // nothing is adjusted beside the map.
+  std::optional<double> bend;
 
   auto Fields() const {
     return Named("num_existing_frames", num_existing_frames, "frames_are_fixed",

@@ -138,24 +138,17 @@ class Growth {
 
   std::optional<int> NextFrame() const {
     std::vector<int> num_visible(attempts_.size(), 0);
-    bool is_any_neighbor = false;
+    std::vector<int> num_visible_beside = num_visible;
     for (size_t i = 0; i < num_visible.size(); ++i) {
       const int frame_idx = static_cast<int>(i);
       if (frame_is_taken_[i] || model_.HasFrame(frame_idx)) continue;
       const int num = model_.NumVisibleInFrame(frame_idx);
       if (num == 0 || !CanTry(frame_idx, num)) continue;
       num_visible[i] = num;
-      is_any_neighbor = is_any_neighbor || model_.HasNeighborInModel(frame_idx);
+      if (model_.HasNeighborInModel(frame_idx)) num_visible_beside[i] = num;
     }
-    if (is_any_neighbor) {
-      for (size_t i = 0; i < num_visible.size(); ++i) {
-        if (num_visible[i] > 0 &&
-            !model_.HasNeighborInModel(static_cast<int>(i))) {
-          num_visible[i] = 0;
-        }
-      }
-    }
-    return WidestOf(num_visible);
+    const std::optional<int> beside = WidestOf(num_visible_beside);
+    return beside ? beside : WidestOf(num_visible);
   }
 
   // The frame of the widest spread among those that see the most; nullopt if

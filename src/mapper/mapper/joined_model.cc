@@ -143,8 +143,8 @@ std::optional<double> OptimalCost(const Scene& scene,
   return solve.final_cost;
 }
 
-// How much the existing frames bend the others (joined_model.h); nullopt if a
-// solve fails.
+// The cost of the existing frames for the others, relative to the most that
+// chance explains (joined_model.h); nullopt if a solve fails.
 std::optional<double> MeasureBend(const JoinedModel& input,
                                   const Reconstruction& adjusted,
                                   const RefinementConditions& held,
@@ -234,13 +234,11 @@ bool AdjustBeside(const JoinedModel& input, const MapperOptions& options,
   const bool is_usable =
       AllOf(result.summary.solves,
             [](const SolveSummary& solve) { return solve.IsUsable(); });
-  std::optional<double> bend;
   if (is_usable) {
-    bend = MeasureBend(input, result.estimate, conditions, bundle,
-                       stage.context());
+    summary.bend = MeasureBend(input, result.estimate, conditions, bundle,
+                               stage.context());
   }
-  summary.bend = bend.value_or(0.0);
-  summary.frames_are_fixed = bend && *bend <= 1.0;
+  summary.frames_are_fixed = summary.bend && *summary.bend <= 1.0;
   if (summary.frames_are_fixed) {
     result.estimate.points =
         Joined(std::move(finished), std::move(result.estimate.points));
@@ -250,7 +248,7 @@ bool AdjustBeside(const JoinedModel& input, const MapperOptions& options,
     joined = std::move(result.estimate);
   } else {
     joined.points = Joined(std::move(finished), std::move(joined.points));
-    LogWhyNothingIsHeld(bend, context);
+    LogWhyNothingIsHeld(summary.bend, context);
   }
   stage.Finish(&model->times);
   return summary.frames_are_fixed;
