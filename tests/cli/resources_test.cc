@@ -40,7 +40,7 @@ void LimitMemory(const std::string& arguments, const fs::path& output_path,
                  const fs::path& written_file, const char* complete = "") {
   int num_refused = 0, num_written = 0;
   for (int limit_mib = 90; limit_mib <= 500;
-       limit_mib += num_written > 3 ? 50 : 4) {
+       limit_mib += num_written > 3 ? 50 : limit_mib / 20) {
     const std::string limit = "ulimit -v " + std::to_string(1024 * limit_mib);
     // Libraries take addresses before the program begins.
     if (RunShell(limit + "; " MGSFM_EXECUTABLE " --version").exit_code != 0) {

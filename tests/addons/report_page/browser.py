@@ -48,6 +48,7 @@ class Browser:
         self.received = b""
         self.last_id = 0
         self.events = []
+        self.targets = []
 
     def __enter__(self):
         return self
@@ -92,9 +93,17 @@ class Browser:
 
     def open(self, url):
         target = self.send("Target.createTarget", url="about:blank")
+        self.targets.append(target["targetId"])
         session = self.send("Target.attachToTarget", flatten=True,
                             targetId=target["targetId"])["sessionId"]
         return Page(self, session, url)
+
+    def close_pages(self):
+        """Ends all pages, which would go on to draw beside later ones."""
+        for target in self.targets:
+            self.send("Target.closeTarget", targetId=target)
+        self.targets.clear()
+        self.events.clear()
 
 
 class Page:

@@ -23,9 +23,16 @@ def pytest_addoption(parser):
 
 
 @pytest.fixture(scope="session")
-def browser():
+def running_browser():
     with browser_module.Browser() as running:
         yield running
+
+
+@pytest.fixture
+def browser(running_browser):
+    """A browser whose pages are closed after the test."""
+    yield running_browser
+    running_browser.close_pages()
 
 
 @pytest.fixture
