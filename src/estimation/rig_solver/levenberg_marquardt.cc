@@ -11,6 +11,9 @@ namespace {
 // ratio of these factors for consecutive such steps.
 constexpr double kShrinkage = 1.0 / 3.0;
 
+// Below this value, damping vanishes in the rounding of the diagonal.
+constexpr double kMinLambda = 1e-16;
+
 // The tolerance of points in tolerances of the cost. Points move slowly where
 // the loss is flat: the decrease that follows there is a hundred times what a
 // step predicts (docs/results/constants.md).
@@ -102,15 +105,18 @@ class LevenbergMarquardt {
 
   void Accept(double new_cost, double ratio) {
     const double old_cost = cost_;
+    const bool is_undamped = lambda_ == kMinLambda;
     problem_.AcceptStep();
     cost_ = new_cost;
     const double relative_decrease = (old_cost - cost_) / old_cost;
     share_ = std::max(share_, std::log(relative_decrease) /
                                   std::log(options_.function_tolerance));
     Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
-    if (relative_decrease <= options_.function_tolerance || cost_ == 0.0) {
-      Finish(Termination::kConverged,
-             "The relative change of the cost is small.");
+    is_converged_ = relative_decrease <= options_.function_tolerance;
+    if (cost_ == 0.0 || (is_converged_ && is_undamped)) {
+      FinishAtSmallChange();
+    } else if (is_converged_) {
+      lambda_ = kMinLambda;
     }
   }
 
@@ -125,12 +131,12 @@ class LevenbergMarquardt {
       lambda_ *= factor;
       lambda_shrinkage_ = kShrinkage;
     }
-    // Below this value, damping vanishes in the rounding of the diagonal.
-    lambda_ = std::max(1e-16, lambda_);
+    lambda_ = std::max(kMinLambda, lambda_);
     lambda_growth_ = 2.0;
   }
 
   void Reject() {
+    if (is_converged_) return FinishAtSmallChange();
     lambda_ *= lambda_growth_;
     lambda_growth_ *= 2.0;
     lambda_shrinkage_ = kShrinkage;
@@ -138,6 +144,11 @@ class LevenbergMarquardt {
     if (lambda_ > 1e16) {
       Finish(Termination::kFailure, "The damping exceeds its maximum.");
     }
+  }
+
+  void FinishAtSmallChange() {
+    Finish(Termination::kConverged,
+           "The relative change of the cost is small.");
   }
 
   void Finish(Termination termination, const char* message) {
@@ -155,6 +166,7 @@ class LevenbergMarquardt {
   double lambda_ = 1e-4;  // as in Ceres
   double lambda_growth_ = 2.0;
   double lambda_shrinkage_ = kShrinkage;
+  bool is_converged_ = false;  // but for what damping holds back
   bool is_done_ = false;
   SolveSummary summary_;
 };

@@ -232,6 +232,41 @@ class Chain : public DampedProblem {
   std::vector<double> lambdas_;
 };
 
+// Damping holds back the ends of the chain: a damped step decreases the cost by
+// much less than is left.
+TEST(LevenbergMarquardtTest, SmallChangesOfDampedStepsAreNotConvergence) {
+  RigSolverOptions options;
+  options.function_tolerance = 0.5;
+  Chain chain(10000);
+  const SolveSummary summary =
+      MinimizeByLevenbergMarquardt(options, 100, Threads(1), &chain);
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_LT(summary.final_cost, 1e-9 * summary.initial_cost);
+}
+
+// A chain that no undamped step improves.
+class FragileChain : public Chain {
+ public:
+  using Chain::Chain;
+  TrialStep TryStep() override {
+    TrialStep step = Chain::TryStep();
+    if (lambdas().back() <= 1e-16) step.new_cost = 2.0 * Cost();
+    return step;
+  }
+};
+
+TEST(LevenbergMarquardtTest, ConvergesIfUndampedStepsFail) {
+  RigSolverOptions options;
+  options.function_tolerance = 0.5;
+  FragileChain chain(10000);
+  const SolveSummary summary =
+      MinimizeByLevenbergMarquardt(options, 100, Threads(1), &chain);
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_LT(summary.final_cost, summary.initial_cost);
+  EXPECT_EQ(chain.lambdas().back(), 1e-16);
+  EXPECT_EQ(summary.num_iterations, static_cast<int>(chain.lambdas().size()));
+}
+
 TEST(LevenbergMarquardtTest, DampingFallsFasterAfterConsecutiveGoodSteps) {
   RigSolverOptions options;
   options.function_tolerance = 1e-14;
