@@ -27,7 +27,7 @@ class Interruption : public testing::Test {
   std::string Out() const { return Path("out"); }
 
   // One picture under the names of all images. Points that take their colors
-  // from large images keep a mapper busy for a second at its end.
+  // from large images keep a mapper busy for a while at its end.
   void PutImages() const {
     constexpr int kSize = 1000;
     std::ostringstream ppm;

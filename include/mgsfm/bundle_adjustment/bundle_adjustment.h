@@ -60,8 +60,8 @@ namespace mgsfm {
 // first (Schur complement), frames by sparse Cholesky factorization, extrinsics
 // and intrinsics last.
 //
-// Stopping criterion of a solve: |cost - new cost| <= function_tolerance cost;
-// src/estimation/rig_solver/rig_solver.h has the others.
+// Stopping criterion of a solve: |cost - new cost| <= function_tolerance cost,
+// also without damping; src/estimation/rig_solver/rig_solver.h has the others.
 //
 // Cost of an iteration: linear in the observations, for each point quadratic in
 // the number of frames that observe it, and the factorization. Results are the

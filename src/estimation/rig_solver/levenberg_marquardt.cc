@@ -34,13 +34,14 @@ class LevenbergMarquardt {
       ReportProgress();
       ++summary_.num_iterations;
       if (!problem_.Linearize(lambda_)) {
-        Finish(Termination::kFailure, "A derivative is not finite.");
+        FailLinearization();
       } else if (!problem_.Solve()) {
         Reject();
       } else {
         AcceptOrReject(TryStep());
       }
     }
+    if (!is_done_ && is_converged_) FinishAtSmallChange();
     summary_.final_cost = cost_;
     const auto num_done = static_cast<size_t>(summary_.num_iterations);
     context_.ReportProgress("solver", num_done, num_done);
@@ -109,13 +110,15 @@ class LevenbergMarquardt {
     problem_.AcceptStep();
     cost_ = new_cost;
     const double relative_decrease = (old_cost - cost_) / old_cost;
-    share_ = std::max(share_, std::log(relative_decrease) /
-                                  std::log(options_.function_tolerance));
+    const double share =
+        std::log(relative_decrease) / std::log(options_.function_tolerance);
+    share_ = is_converged_ ? share : std::max(share_, share);
     Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
     is_converged_ = relative_decrease <= options_.function_tolerance;
     if (cost_ == 0.0 || (is_converged_ && is_undamped)) {
       FinishAtSmallChange();
     } else if (is_converged_) {
+      damped_lambda_ = lambda_;
       lambda_ = kMinLambda;
     }
   }
@@ -137,13 +140,19 @@ class LevenbergMarquardt {
 
   void Reject() {
     if (is_converged_) return FinishAtSmallChange();
-    lambda_ *= lambda_growth_;
+    lambda_ = std::max(lambda_ * lambda_growth_, damped_lambda_);
+    damped_lambda_ = 0.0;
     lambda_growth_ *= 2.0;
     lambda_shrinkage_ = kShrinkage;
     // Above this value, a step vanishes in the rounding of the state.
     if (lambda_ > 1e16) {
       Finish(Termination::kFailure, "The damping exceeds its maximum.");
     }
+  }
+
+  void FailLinearization() {
+    if (is_converged_) return FinishAtSmallChange();
+    Finish(Termination::kFailure, "A derivative is not finite.");
   }
 
   void FinishAtSmallChange() {
@@ -166,7 +175,8 @@ class LevenbergMarquardt {
   double lambda_ = 1e-4;  // as in Ceres
   double lambda_growth_ = 2.0;
   double lambda_shrinkage_ = kShrinkage;
-  bool is_converged_ = false;  // but for what damping holds back
+  double damped_lambda_ = 0.0;  // before a step without damping
+  bool is_converged_ = false;   // but for what damping holds back
   bool is_done_ = false;
   SolveSummary summary_;
 };

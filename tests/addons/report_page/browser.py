@@ -100,9 +100,9 @@ class Browser:
 
     def close_pages(self):
         """Ends all pages, which would go on to draw beside later ones."""
-        for target in self.targets:
+        targets, self.targets = self.targets, []
+        for target in targets:
             self.send("Target.closeTarget", targetId=target)
-        self.targets.clear()
         self.events.clear()
 
 

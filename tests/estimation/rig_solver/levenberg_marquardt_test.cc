@@ -242,6 +242,12 @@ TEST(LevenbergMarquardtTest, SmallChangesOfDampedStepsAreNotConvergence) {
       MinimizeByLevenbergMarquardt(options, 100, Threads(1), &chain);
   EXPECT_EQ(summary.termination, Termination::kConverged);
   EXPECT_LT(summary.final_cost, 1e-9 * summary.initial_cost);
+  EXPECT_GT(chain.lambdas()[0], 1e-16);
+  EXPECT_EQ(chain.lambdas()[1], 1e-16);
+  Chain other(10000);
+  EXPECT_EQ(
+      MinimizeByLevenbergMarquardt(options, 1, Threads(1), &other).termination,
+      Termination::kConverged);
 }
 
 // A chain that no undamped step improves.
