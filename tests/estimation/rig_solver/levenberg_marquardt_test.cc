@@ -232,22 +232,25 @@ class Chain : public DampedProblem {
   std::vector<double> lambdas_;
 };
 
+SolveSummary MinimizeChain(double function_tolerance, int max_num_iterations,
+                           Chain* chain) {
+  RigSolverOptions options;
+  options.function_tolerance = function_tolerance;
+  return MinimizeByLevenbergMarquardt(options, max_num_iterations, Threads(1),
+                                      chain);
+}
+
 // Damping holds back the ends of the chain: a damped step decreases the cost by
 // much less than is left.
 TEST(LevenbergMarquardtTest, SmallChangesOfDampedStepsAreNotConvergence) {
-  RigSolverOptions options;
-  options.function_tolerance = 0.5;
   Chain chain(10000);
-  const SolveSummary summary =
-      MinimizeByLevenbergMarquardt(options, 100, Threads(1), &chain);
+  const SolveSummary summary = MinimizeChain(0.5, 100, &chain);
   EXPECT_EQ(summary.termination, Termination::kConverged);
   EXPECT_LT(summary.final_cost, 1e-9 * summary.initial_cost);
   EXPECT_GT(chain.lambdas()[0], 1e-16);
   EXPECT_EQ(chain.lambdas()[1], 1e-16);
   Chain other(10000);
-  EXPECT_EQ(
-      MinimizeByLevenbergMarquardt(options, 1, Threads(1), &other).termination,
-      Termination::kConverged);
+  EXPECT_EQ(MinimizeChain(0.5, 1, &other).termination, Termination::kConverged);
 }
 
 // A chain that no undamped step improves.
@@ -262,11 +265,8 @@ class FragileChain : public Chain {
 };
 
 TEST(LevenbergMarquardtTest, ConvergesIfUndampedStepsFail) {
-  RigSolverOptions options;
-  options.function_tolerance = 0.5;
   FragileChain chain(10000);
-  const SolveSummary summary =
-      MinimizeByLevenbergMarquardt(options, 100, Threads(1), &chain);
+  const SolveSummary summary = MinimizeChain(0.5, 100, &chain);
   EXPECT_EQ(summary.termination, Termination::kConverged);
   EXPECT_LT(summary.final_cost, summary.initial_cost);
   EXPECT_EQ(chain.lambdas().back(), 1e-16);
@@ -274,11 +274,8 @@ TEST(LevenbergMarquardtTest, ConvergesIfUndampedStepsFail) {
 }
 
 TEST(LevenbergMarquardtTest, DampingFallsFasterAfterConsecutiveGoodSteps) {
-  RigSolverOptions options;
-  options.function_tolerance = 1e-14;
   Chain chain(10000);
-  const SolveSummary summary =
-      MinimizeByLevenbergMarquardt(options, 100, Threads(1), &chain);
+  const SolveSummary summary = MinimizeChain(1e-14, 100, &chain);
   EXPECT_EQ(summary.termination, Termination::kConverged);
   EXPECT_LT(summary.final_cost, 1e-9 * summary.initial_cost);
   const std::vector<double>& lambdas = chain.lambdas();
