@@ -174,8 +174,11 @@ TEST(WeakSeams, SplitModelsWherePointsDoNotRelateTheSides) {
   ASSERT_EQ(seams.size(), 2u);
   EXPECT_EQ(seams[0].reason, SeamReason::kFewTies);
   EXPECT_EQ(seams[1].reason, SeamReason::kJump);
-  model.confidence.seams[2].reason = SeamReason::kOnePlace;
-  EXPECT_EQ(SeamsToSplit(scene, model, {}).size(), 2u);
+  for (const SeamReason reason :
+       {SeamReason::kOnePlace, SeamReason::kRefutedLoops}) {
+    model.confidence.seams[2].reason = reason;
+    EXPECT_EQ(SeamsToSplit(scene, model, {}).size(), 2u);
+  }
   // Positions place both sides in one world.
   model.position_priors = PositionPriorSummary();
   model.position_priors->is_registered = true;

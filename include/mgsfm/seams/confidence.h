@@ -44,9 +44,12 @@ namespace mgsfm {
 //   jump           if neighbors in time on both sides contradict the motion of
 //                  the rig. It is the weakest cut between them, and its
 //                  confidence is 0.
+//   refuted loops  the same, if a loop crosses the cut: of those between the
+//                  neighbors, the weakest cut that a loop crosses.
 //   one place      if no neighbors of a sequence connect its sides, but
 //                  loops of one place, which can look alike. Its
-//                  confidence is 0.
+//                  confidence is 0. Pairs most of whose matches are not
+//                  confirmed do not count.
 //   contradicted   if the share against it is large. Nothing counts against a
 //                  cut across which frames confirm the motion of the rig.
 //
@@ -68,6 +71,7 @@ enum class SeamReason {
   kFewTies,       // few points tie the sides together
   kContradicted,  // a group of rejected pairs disagrees with the model
   kJump,          // neighbors in time are not where the rig moved
+  kRefutedLoops,  // the same, and loops join the sides
   kOnePlace,      // only loops of one place join the sides
 };
 
@@ -77,6 +81,7 @@ struct EnumTable<SeamReason> {
       {"few_ties", SeamReason::kFewTies},
       {"contradicted", SeamReason::kContradicted},
       {"jump", SeamReason::kJump},
+      {"refuted_loops", SeamReason::kRefutedLoops},
       {"one_place", SeamReason::kOnePlace}};
 };
 

@@ -85,23 +85,6 @@ std::vector<double> FrameCuts::SmallestToCore(
   return smallest;
 }
 
-std::optional<size_t> FrameCuts::SmallestBetween(
-    int frame_idx1, int frame_idx2,
-    const std::vector<double>& value_of_cut) const {
-  if (root_[frame_idx1] != root_[frame_idx2]) return std::nullopt;
-  const int ancestor = CommonAncestor(frame_idx1, frame_idx2);
-  std::optional<size_t> smallest;
-  for (const int end : {frame_idx1, frame_idx2}) {
-    for (int frame = end; frame != ancestor; frame = parent_[frame]) {
-      const size_t cut = *cut_above_[frame];
-      if (!smallest || value_of_cut[cut] < value_of_cut[*smallest]) {
-        smallest = cut;
-      }
-    }
-  }
-  return smallest;
-}
-
 int FrameCuts::CommonAncestor(int frame_idx1, int frame_idx2) const {
   int a = frame_idx1, b = frame_idx2;
   while (a != b) {

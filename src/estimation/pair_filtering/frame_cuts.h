@@ -37,9 +37,23 @@ class FrameCuts {
 
   // The cut with the smallest value among those that separate two frames;
   // nullopt if the frames are equal or of different trees.
+  template <class Value>
   std::optional<size_t> SmallestBetween(
       int frame_idx1, int frame_idx2,
-      const std::vector<double>& value_of_cut) const;
+      const std::vector<Value>& value_of_cut) const {
+    if (root_[frame_idx1] != root_[frame_idx2]) return std::nullopt;
+    const int ancestor = CommonAncestor(frame_idx1, frame_idx2);
+    std::optional<size_t> smallest;
+    for (const int end : {frame_idx1, frame_idx2}) {
+      for (int frame = end; frame != ancestor; frame = parent_[frame]) {
+        const size_t cut = *cut_above_[frame];
+        if (!smallest || value_of_cut[cut] < value_of_cut[*smallest]) {
+          smallest = cut;
+        }
+      }
+    }
+    return smallest;
+  }
 
   // Adds amounts to all cuts that separate two frames. Frames of different
   // trees do not count.

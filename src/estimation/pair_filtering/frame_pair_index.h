@@ -106,6 +106,13 @@ class FramePairIndex {
   bool AreNeighbors(const FramePair& frames) const {
     return frames.time_gap && *frames.time_gap <= Reach(frames);
   }
+  // The same for two frames that no image pair may have.
+  bool AreNear(int frame_idx1, int frame_idx2) const {
+    return is_sequence() && AreNeighbors({frame_idx1,
+                                          frame_idx2,
+                                          {},
+                                          order_->Gap(frame_idx1, frame_idx2)});
+  }
   // The frames are further apart in a sequence, or of different sequences.
   bool IsLoop(const FramePair& frames) const {
     return is_sequence() && !AreNeighbors(frames);

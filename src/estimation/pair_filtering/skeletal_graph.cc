@@ -85,20 +85,14 @@ void KeepStrongestPlaces(const FramePairIndex& index,
     const auto [it, is_new] = strongest.emplace(components_of(index.Of(i)), i);
     if (!is_new && strengths[i] > strengths[it->second]) it->second = i;
   }
-  const auto are_near = [&](int frame_idx1, int frame_idx2) {
-    return index.AreNeighbors({frame_idx1,
-                               frame_idx2,
-                               {},
-                               index.order()->Gap(frame_idx1, frame_idx2)});
-  };
   EraseIf(pair_idxs, [&](size_t i) {
     const FramePair& a = index.Of(i);
     if (!index.IsLoop(a)) return false;
     const FramePair& b = index.Of(strongest.at(components_of(a)));
-    return !(are_near(a.frame_idx1, b.frame_idx1) &&
-             are_near(a.frame_idx2, b.frame_idx2)) &&
-           !(are_near(a.frame_idx1, b.frame_idx2) &&
-             are_near(a.frame_idx2, b.frame_idx1));
+    return !(index.AreNear(a.frame_idx1, b.frame_idx1) &&
+             index.AreNear(a.frame_idx2, b.frame_idx2)) &&
+           !(index.AreNear(a.frame_idx1, b.frame_idx2) &&
+             index.AreNear(a.frame_idx2, b.frame_idx1));
   });
 }
 

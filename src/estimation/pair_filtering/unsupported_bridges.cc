@@ -142,16 +142,16 @@ bool ShowOnePlace(const FramePairIndex& index, const Mask& pair_is_used,
                   const std::vector<std::pair<int, int>>& links,
                   const std::vector<int>& frame_idxs1,
                   const std::vector<int>& frame_idxs2) {
-  const auto share_matches = [&](int frame1, int frame2) {
-    if (frame1 == frame2) return true;
+  const auto share_view = [&](int frame1, int frame2) {
+    if (frame1 == frame2 || index.AreNear(frame1, frame2)) return true;
     const FramePair* frames = index.Find(frame1, frame2);
     return frames != nullptr &&
            AnyOf(frames->pair_idxs, [&](size_t i) { return pair_is_used[i]; });
   };
   for (size_t i = 0; i < links.size(); ++i) {
     for (size_t k = 0; k < i; ++k) {
-      if (!share_matches(links[i].first, links[k].first) &&
-          !share_matches(links[i].second, links[k].second)) {
+      if (!share_view(links[i].first, links[k].first) &&
+          !share_view(links[i].second, links[k].second)) {
         return false;
       }
     }
@@ -160,7 +160,7 @@ bool ShowOnePlace(const FramePairIndex& index, const Mask& pair_is_used,
                                     int std::pair<int, int>::*linked) {
     return AnyOf(frame_idxs, [&](int frame) {
       return NoneOf(links, [&](const auto& link) {
-        return share_matches(frame, link.*linked);
+        return share_view(frame, link.*linked);
       });
     });
   };

@@ -42,8 +42,8 @@ namespace mgsfm {
 
 // Whether loops, the only links between two sets of frames, show one place of
 // each, although both sets also show others. Loops show two places if two of
-// them have no common frame, nor a consistent pair between their frames, at
-// either end. `links` has the frames of the first set first.
+// them, at either end, have frames beyond the reach of the sequence that no
+// consistent pair connects. `links` has the frames of the first set first.
 [[nodiscard]] bool ShowOnePlace(const FramePairIndex& index,
                                 const Mask& pair_is_used,
                                 const std::vector<std::pair<int, int>>& links,

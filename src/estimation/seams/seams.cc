@@ -76,6 +76,7 @@ struct CutEvidence {
   }
   double ConfidenceOf(size_t cut_idx) const {
     if (reasons[cut_idx] == SeamReason::kJump ||
+        reasons[cut_idx] == SeamReason::kRefutedLoops ||
         reasons[cut_idx] == SeamReason::kOnePlace) {
       return 0.0;
     }
@@ -259,24 +260,43 @@ CutEvidence CollectEvidence(const ConfidenceInput& input, const FrameCuts& cuts,
   return evidence;
 }
 
-// The weakest cut of each jump.
+// The weakest cut of each jump. If loops lead from one frame to the other, it
+// is one that a loop crosses: they can show another place, the neighbors along
+// the way cannot.
 void FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
                CutEvidence* evidence) {
+  const auto is_loop = [&](size_t cut_idx) {
+    const auto& [below, above] = cuts.cuts()[cut_idx];
+    const FramePair* frames = input.index.Find(below, above);
+    return frames != nullptr && input.index.IsLoop(*frames);
+  };
+  std::vector<std::pair<bool, double>> strengths;
+  for (size_t k = 0; k < cuts.cuts().size(); ++k) {
+    strengths.emplace_back(!is_loop(k), evidence->num_confirmed[k]);
+  }
   for (const auto& [frame1, frame2] : input.motions.jumps) {
-    const auto cut =
-        cuts.SmallestBetween(frame1, frame2, evidence->num_confirmed);
-    if (cut) evidence->reasons[*cut] = SeamReason::kJump;
+    const auto cut = cuts.SmallestBetween(frame1, frame2, strengths);
+    if (!cut) continue;
+    evidence->reasons[*cut] =
+        is_loop(*cut) ? SeamReason::kRefutedLoops : SeamReason::kJump;
   }
 }
 
-// The cuts that loops of one place alone cross.
+// The cuts that loops of one place alone cross. Pairs most of whose matches are
+// not confirmed do not count: loops of places that look alike can contradict
+// each other and the neighbors.
 void FindLoopsOfOnePlace(const ConfidenceInput& input, const FrameCuts& cuts,
+                         const std::vector<int>& num_confirmed,
                          CutEvidence* evidence) {
   const FramePairIndex& index = input.index;
   if (!index.is_sequence()) return;
   std::vector<size_t> loops, neighbors;
   for (size_t i = 0; i < input.pair_is_used.size(); ++i) {
-    if (!input.pair_is_used[i]) continue;
+    const size_t num_matches = input.view_graph.pairs[i].matches.size();
+    if (!input.pair_is_used[i] ||
+        2 * static_cast<size_t>(num_confirmed[i]) <= num_matches) {
+      continue;
+    }
     (index.IsLoop(index.Of(i)) ? loops : neighbors).push_back(i);
   }
   const auto one = [](size_t) { return 1.0; };
@@ -361,7 +381,7 @@ Confidence EstimateConfidence(const ConfidenceInput& input,
   // Later reasons replace earlier ones.
   FindFewTies(input, cuts, std::max(1, options.min_num_ties), &evidence);
   FindJumps(input, cuts, &evidence);
-  FindLoopsOfOnePlace(input, cuts, &evidence);
+  FindLoopsOfOnePlace(input, cuts, num_confirmed, &evidence);
   std::vector<double> confidences;
   std::vector<size_t> weak;
   for (size_t k = 0; k < cuts.cuts().size(); ++k) {

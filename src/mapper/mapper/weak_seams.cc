@@ -134,7 +134,16 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
     AdjustModel(of_part, options, context, std::move(initial), &part);
     if (!IsLargeEnough(part, options)) continue;
     part.confidence = confidence_of(of_part.pair_is_used, part);
-    parts.push_back(std::move(part));
+    // Pairs of other parts can have hidden a seam.
+    const std::vector<Seam> of_seams = SeamsToSplit(scene, part, options);
+    if (of_seams.empty()) {
+      parts.push_back(std::move(part));
+      continue;
+    }
+    for (MapperModel& smaller : SplitAtSeams(of_part, options, context,
+                                             of_seams, confidence_of, part)) {
+      parts.push_back(std::move(smaller));
+    }
   }
   return parts;
 }
@@ -248,7 +257,8 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
   std::vector<Seam> unconnected, wrong;
   for (const Seam& seam : model.confidence.seams) {
     const bool is_unconnected =
-        (!seam.sigma_position || seam.reason == SeamReason::kOnePlace) &&
+        (!seam.sigma_position || seam.reason == SeamReason::kOnePlace ||
+         seam.reason == SeamReason::kRefutedLoops) &&
         !model.IsAtPositions();
     if (is_unconnected) unconnected.push_back(seam);
     if (is_unconnected || seam.reason == SeamReason::kJump) {

@@ -27,11 +27,12 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
                                      const Confidence& confidence);
 
 // The seams at which a model is split: with split_jumps, where frames jump, and
-// where loops of one place join the sides, or the points that cross do not
-// determine the relative pose, so that the sides have no relation unless
-// positions place both. If this left fewer than
-// half of the frames in sets of at least min_num_frames, the expected motion of
-// the rig is in doubt rather than the model, and jumps do not split it.
+// where loops of one place join the sides, the motion of the rig refutes the
+// loops, or the points that cross do not determine the relative pose, so that
+// the sides have no relation unless positions place both. If this left fewer
+// than half of the frames in sets of at least min_num_frames, the expected
+// motion of the rig is in doubt rather than the model, and jumps do not split
+// it.
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options);
 
@@ -43,10 +44,10 @@ using ConfidenceFunction =
 // agree (side_alignment.h), and splits the model at the seams that the options
 // select: one model for each set of frames that none of these seams separates.
 // Each model is adjusted again, the largest first, without the pairs that cross
-// a seam, and keeps the summaries of earlier stages. Sets of fewer than
-// min_num_frames frames, and those that points alone do not hold together, are
-// omitted. `pair_on_path` has the motion of the rig from moving_objects.h. A
-// model that refutes it is neither realigned nor split.
+// a seam, keeps the summaries of earlier stages, and is split again. Sets of
+// fewer than min_num_frames frames, and those that points alone do not hold
+// together, are omitted. `pair_on_path` has the motion of the rig from
+// moving_objects.h. A model that refutes it is neither realigned nor split.
 [[nodiscard]] std::vector<MapperModel> TestSeams(
     const FramePairIndex& index,
     const std::vector<std::optional<Rigid3>>& pair_on_path,

@@ -61,6 +61,15 @@ class Graph {
   }
   int num_frames() const { return static_cast<int>(scene_.frames.size()); }
 
+  void Reject(int frame1, int frame2) {
+    for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
+      const ImagePair& pair = view_graph_.pairs[i];
+      if (pair.image_idx1 == frame1 && pair.image_idx2 == frame2) {
+        is_consistent_[i] = false;
+      }
+    }
+  }
+
   // A pair that shows an object.
   void Explain(size_t pair_idx) { explained_.push_back(pair_idx); }
 
@@ -191,6 +200,21 @@ TEST(UnsupportedBridges, MayNotBeLoopsOfOnePlace) {
   EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes).size(), 4U);
   graph.AddLoop(15, 38);
   EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{});
+}
+
+// Where a vehicle hides the scene, frames next to each other share no pair.
+TEST(UnsupportedBridges, MayNotBeLoopsOfFramesWithinReach) {
+  Graph graph(40);
+  graph.AddPath(0, 20);
+  graph.AddPath(20, 40);
+  graph.AddLoop(5, 30);
+  graph.AddLoop(7, 32);
+  for (const int frame : {5, 6}) {
+    graph.Reject(frame, 7);
+    graph.Reject(frame, 8);
+  }
+  graph.Reject(30, 32);
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes).size(), 4U);
 }
 
 // Both parts show nothing else.

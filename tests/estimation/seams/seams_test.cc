@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -277,6 +278,78 @@ TEST(Seams, AreWhereNeighborsJump) {
   for (int i = 0; i < kNumFrames; ++i) {
     EXPECT_EQ(*confidence.of_frame[i] == 0.0, i >= kFirstBeyond) << i;
   }
+}
+
+// A sequence whose frames share pairs with the next one. Loops alone join the
+// sides, from the given frames to those three frames later.
+class DriveWithLoops : public Drive {
+ public:
+  explicit DriveWithLoops(const std::set<int>& starts) {
+    is_sequence = SequenceMode::kYes;
+    Keep([&](int frame1, int frame2) {
+      return Crosses(frame1, frame2)
+                 ? frame2 == frame1 + 3 && starts.count(frame1) > 0
+                 : frame2 <= frame1 + 1;
+    });
+  }
+
+  // Adds pairs of the frames next to the cut, as if of other matches.
+  void AddContradictedNeighbors() {
+    const Drive drive;
+    for (ImagePair pair : drive.simulation.view_graph.pairs) {
+      if (FrameOf(pair.image_idx1) != kFirstBeyond - 1 ||
+          FrameOf(pair.image_idx2) != kFirstBeyond) {
+        continue;
+      }
+      for (size_t k = 0; k < pair.matches.size(); ++k) {
+        pair.matches[k].keypoint_idx1 =
+            pair.matches[(k + 1) % pair.matches.size()].keypoint_idx1;
+      }
+      simulation.view_graph.pairs.push_back(pair);
+      pair_is_used.push_back(true);
+    }
+  }
+
+ private:
+  // The pairs of frames (frame1 <= frame2) that a function names.
+  template <class Function>
+  void Keep(const Function& is_kept) {
+    auto& pairs = simulation.view_graph.pairs;
+    pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
+                               [&](const ImagePair& pair) {
+                                 const auto [frame1, frame2] =
+                                     std::minmax({FrameOf(pair.image_idx1),
+                                                  FrameOf(pair.image_idx2)});
+                                 return !is_kept(frame1, frame2);
+                               }),
+                pairs.end());
+    pair_is_used = Mask(pairs.size(), true);
+  }
+};
+
+TEST(Seams, AreWhereLoopsOfOnePlaceJoinTheSides) {
+  EXPECT_TRUE(DriveWithLoops({5, 6, 7}).Estimate().seams.empty());
+  DriveWithLoops drive({6});
+  const auto expect_seam = [&] {
+    const Confidence confidence = drive.Estimate();
+    ASSERT_EQ(confidence.seams.size(), 1u);
+    EXPECT_EQ(confidence.seams[0].reason, SeamReason::kOnePlace);
+    EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
+  };
+  expect_seam();
+  drive.AddContradictedNeighbors();
+  expect_seam();
+}
+
+TEST(Seams, AreWhereLoopsHideAJump) {
+  DriveWithLoops drive({5, 6, 7});
+  drive.jumps = {{kFirstBeyond - 1, kFirstBeyond}};
+  const Confidence confidence = drive.Estimate();
+  ASSERT_EQ(confidence.seams.size(), 1u);
+  const Seam& seam = confidence.seams[0];
+  EXPECT_EQ(seam.reason, SeamReason::kRefutedLoops);
+  EXPECT_EQ(seam.frame_idxs_beyond, FramesBeyond());
+  EXPECT_EQ(seam.frame_idx_beyond, seam.frame_idx_core + 3);
 }
 
 TEST(Seams, LeaveUnregisteredFramesWithoutConfidence) {
