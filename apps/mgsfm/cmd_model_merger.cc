@@ -54,10 +54,9 @@ struct ModelMergerOptions {
   Option<std::string> existing_path{
       "existing_path", "",
       "Join the sub-maps of graph to the finished map in this output folder of "
-      "the mapper or model_merger, which has no measured positions. Its frames "
-      "and calibration stay as they are, unless the sub-maps contradict them. "
-      "If sub-maps connect several models of the map, only the largest of "
-      "these stays."};
+      "the mapper or model_merger. Its frames and calibration stay as they "
+      "are, unless the sub-maps contradict them. If sub-maps connect several "
+      "models of the map, only the largest of these stays."};
   Option<std::string> cluster_path{
       "cluster_path", "",
       "Report clusters without a model by their names in this folder of mapper "
@@ -276,9 +275,13 @@ FinishedModel FinishModel(const ModelMergerOptions& options, KnownParts parts,
   const Scene& scene = done.input.scene;
   CheckFormat(scene, run.output_format);
   if (!run.database_path.empty()) ReadPriors(run, context, &done.input);
+  const PositionPriors& positions = done.input.position_priors;
+  const bool is_apart = !parts.existing_frames.empty() && world &&
+                        !positions.IsEmpty() &&
+                        world->origin_wgs84 != positions.origin_wgs84;
   done.result = AdjustJoinedModel(
-      {scene, done.input.position_priors, done.input.gravity_priors,
-       world ? &world->poses : nullptr, options.refine,
+      {scene, positions, done.input.gravity_priors,
+       world && !is_apart ? &world->poses : nullptr, options.refine,
        parts.max_num_observations, std::move(parts.existing_frames)},
       run.mapper, context, std::move(model.reconstruction));
   ColorModels(scene, run.image_path, context, &done.result);
@@ -361,17 +364,6 @@ std::optional<size_t> LimitObservations(const ModelMergerOptions& options,
   return limit;
 }
 
-// The first given option that needs everything to be adjusted; empty: none.
-std::string OptionAgainstHolding(const ModelMergerOptions& options) {
-  const PosePriorOptions& priors = options.priors;
-  if (priors.use_prior_position) return "--use_prior_position";
-  if (!priors.ref_images_path->empty()) return "--ref_images_path";
-  if (priors.use_prior_gravity) return "--use_prior_gravity";
-  if (!priors.gravity_path->empty()) return "--gravity_path";
-  if (options.max_memory_mib > 0) return "--max_memory";
-  return "";
-}
-
 void CheckExistingPath(const ModelMergerOptions& options) {
   if (options.existing_path->empty()) return;
   if (!options.graph) {
@@ -379,11 +371,11 @@ void CheckExistingPath(const ModelMergerOptions& options) {
         "--existing_path belongs to the join of sub-maps; set --graph 1 and "
         "--input_path");
   }
-  const std::string other = OptionAgainstHolding(options);
-  if (!other.empty()) {
-    throw Error("--existing_path cannot be used with " + other +
-                "; omit --existing_path and give the finished map as a sub-map "
-                "of --input_path, which adjusts everything");
+  if (options.max_memory_mib > 0) {
+    throw Error(
+        "--existing_path cannot be used with --max_memory; omit "
+        "--existing_path and give the finished map as a sub-map of "
+        "--input_path, which adjusts everything");
   }
   std::error_code ignored;
   fs::path existing = NormalizedFolder(*options.existing_path);

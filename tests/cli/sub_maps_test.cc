@@ -84,6 +84,35 @@ class SubMapCommands : public SharedDriveTest {
     EXPECT_LT(errors["position_m"]["mean"].get<double>(),
               1.1 * reference_errors["position_m"]["mean"].get<double>());
   }
+  // Joins two clusters in `finished`, and adds the third one in `joined`.
+  // Returns the report.
+  Json ExtendFinished(const std::string& more) const {
+    MapAll(Partition(3), -1, more);
+    fs::create_directory(Path("new"));
+    fs::rename(Path("maps/2"), Path("new/0"));
+    const std::string join =
+        "model_merger --graph 1 --database_path " + Database() + more;
+    Run(join + " --input_path " + Path("maps") + " --output_path " +
+        Path("finished"));
+    Run(join + " --input_path " + Path("new") + " --existing_path " +
+        Path("finished") + "/ --output_path " + Path("joined"));
+    return Json::parse(ReadTextFile(Path("joined/report.json")));
+  }
+  void ExpectThatFinishedFramesStay() const {
+    std::map<std::string, Rigid3> joined;
+    for (const ModelImage& image : ReadModelPoses(Path("joined/0")).images) {
+      joined.emplace(image.name, image.cam_from_world);
+    }
+    EXPECT_EQ(joined.size(), 120u);
+    for (const ModelImage& image : ReadModelPoses(Path("finished/0")).images) {
+      // Files have poses of images, which are rounded once more.
+      EXPECT_LT((joined.at(image.name).Center() - image.cam_from_world.Center())
+                    .norm(),
+                1e-9);
+    }
+    EXPECT_EQ(ReadTextFile(Path("joined/0/rig_config.json")),
+              ReadTextFile(Path("finished/0/rig_config.json")));
+  }
   // Maps all images at once for comparison.
   void ExpectAsGoodAsSingleModel(const std::string& model) const {
     Run("mapper --write_report 0 --database_path " + Database() +
@@ -131,42 +160,23 @@ TEST_F(SubMapCommands, LimitOfMemorySelectsTracks) {
 
 // One cluster is added to the model of the others, which stays as it is.
 TEST_F(SubMapCommands, FinishedMapIsExtended) {
-  MapAll(Partition(3));
-  fs::create_directory(Path("new"));
-  fs::rename(Path("maps/2"), Path("new/0"));
-  const std::string join =
-      "model_merger --graph 1 --database_path " + Database() + " --input_path ";
-  Run(join + Path("maps") + " --output_path " + Path("finished"));
-  Run(join + Path("new") + " --existing_path " + Path("finished") +
-      "/ --output_path " + Path("joined"));
-  const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
+  const Json report = ExtendFinished("");
   const Json& finished = report["models"][0]["finished_map"];
   EXPECT_TRUE(finished["frames_are_fixed"]) << finished;
   EXPECT_EQ(report["sub_maps"][0]["path"], Path("finished/0"));
   EXPECT_FALSE(report["sub_maps"][0].contains("cluster"));
   EXPECT_EQ(report["sub_maps"][1]["cluster"], 0);
-  EXPECT_EQ(ReadTextFile(Path("joined/0/rig_config.json")),
-            ReadTextFile(Path("finished/0/rig_config.json")));
-  std::map<std::string, Rigid3> joined;
-  for (const ModelImage& image : ReadModelPoses(Path("joined/0")).images) {
-    joined.emplace(image.name, image.cam_from_world);
-  }
-  EXPECT_EQ(joined.size(), 120u);
-  for (const ModelImage& image : ReadModelPoses(Path("finished/0")).images) {
-    // Files have poses of images, which are rounded once more.
-    EXPECT_LT(
-        (joined.at(image.name).Center() - image.cam_from_world.Center()).norm(),
-        1e-9);
-  }
+  ExpectThatFinishedFramesStay();
   // Two thirds of the observations determine the map, so that its errors are
   // the root of 3/2 of those by all.
   const double error = MeanError("joined/0");
   fs::rename(Path("finished"), Path("new/1"));
-  Run(join + Path("new") + " --output_path " + Path("all"));
+  Run("model_merger --graph 1 --database_path " + Database() +
+      " --input_path " + Path("new") + " --output_path " + Path("all"));
   EXPECT_LT(error, 1.25 * MeanError("all/0"));
 }
 
-TEST_F(SubMapCommands, FinishedMapIsRefusedWithWhatMovesIt) {
+TEST_F(SubMapCommands, FinishedMapIsRefusedWithBadOptions) {
   Run("model_splitter --input_path " + In() + "/truth --output_path " +
       Path("maps") + " --num_clusters 2 --num_overlap_frames 4");
   fs::create_directory(Path("finished"));
@@ -176,17 +186,8 @@ TEST_F(SubMapCommands, FinishedMapIsRefusedWithWhatMovesIt) {
   const std::string to_output = " --output_path " + Path("refused");
   const std::string join = "model_merger --graph 1 --input_path ";
   const std::string given = join + Path("maps") + existing + to_output;
-  const auto refused_with = [](const std::string& option) {
-    return "--existing_path cannot be used with " + option + "; omit";
-  };
-  ExpectRefused(given + " --max_memory 1000", refused_with("--max_memory"));
-  for (const std::string option :
-       {"use_prior_position 1", "gravity_path g.txt", "ref_images_path p.txt",
-        "use_prior_gravity 1"}) {
-    const std::string name = "--" + option.substr(0, option.find(' '));
-    ExpectRefused(given + " --database_path " + Database() + " --" + option,
-                  refused_with(name));
-  }
+  ExpectRefused(given + " --max_memory 1000",
+                "--existing_path cannot be used with --max_memory; omit");
   for (const std::string input : {"empty", "missing"}) {
     const CommandOutput output =
         RunMgsfm(join + Path(input) + existing + to_output);
@@ -347,10 +348,12 @@ class MeasuredSubMaps : public SubMapCommands {
     for (const ModelImage& image : ReadModelPoses(In() + "/truth").images) {
       const Eigen::Vector3d noise(random.Normal(), random.Normal(),
                                   random.Normal());
+      // The y axis of simulated worlds points down.
+      const Eigen::Vector3d center = image.cam_from_world.Center();
+      const Eigen::Vector3d east_north_up(center.x(), center.z(), -center.y());
       file << image.name << ' '
-           << LatitudeLongitudeAltitude(
-                  image.cam_from_world.Center() + kSigma * noise,
-                  {48.0, 9.0, 300.0})
+           << LatitudeLongitudeAltitude(east_north_up + kSigma * noise,
+                                        {48.0, 9.0, 300.0})
                   .transpose()
            << '\n';
     }
@@ -373,6 +376,31 @@ class MeasuredSubMaps : public SubMapCommands {
     return errors["position_m"]["mean"].get<double>();
   }
 };
+
+TEST_F(MeasuredSubMaps, FinishedMapIsExtendedInItsWorld) {
+  const Json report = ExtendFinished(Priors());
+  const Json& model = report["models"][0];
+  EXPECT_TRUE(model["finished_map"]["frames_are_fixed"]) << model;
+  ExpectThatFinishedFramesStay();
+  EXPECT_EQ(ReadTextFile(Path("joined/0/geo_origin.json")),
+            ReadTextFile(Path("finished/0/geo_origin.json")));
+  const Json& positions = model["position_priors"];
+  EXPECT_TRUE(positions["is_registered"]);
+  EXPECT_GT(positions["num_used"], 0.9 * 120);
+  EXPECT_LT(positions["rms"], 2.0 * kSigma);
+  EXPECT_TRUE(model.contains("gravity"));
+  // A map elsewhere follows the positions.
+  fs::remove(Path("finished/0/geo_origin.json"));
+  fs::remove(Path("finished/report.json"));
+  const CommandOutput output =
+      Run("model_merger --graph 1 --database_path " + Database() +
+          " --input_path " + Path("new") + " --existing_path " +
+          Path("finished") + " --output_path " + Path("moved") + Priors());
+  EXPECT_THAT(output.err, HasSubstr("the finished map is not in the world of "
+                                    "the positions; everything is adjusted"));
+  // Two thirds of the positions determine the world of the map.
+  EXPECT_LT(Distance("moved/0", "joined/0"), kSigma / 3.0);
+}
 
 // All clusters and the join have the world and the origin of a single run, the
 // first position by name, although most clusters lack that image.

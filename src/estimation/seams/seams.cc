@@ -96,6 +96,22 @@ std::vector<int> FramesOf(const Scene& scene, const Point3D& point) {
   return frames;
 }
 
+// Whether at least `min_num_frames` of a side, or all of it, observe a point,
+// and as many of the other side.
+bool Ties(const std::vector<int>& frames_of_point,
+          const std::vector<int>& side1, const std::vector<int>& side2,
+          int min_num_frames) {
+  const auto is_on = [&](const std::vector<int>& side) {
+    const auto num_on_side = CountIf(frames_of_point, [&](int frame) {
+      return std::binary_search(side.begin(), side.end(), frame);
+    });
+    return num_on_side >=
+           std::min<std::ptrdiff_t>(min_num_frames,
+                                    static_cast<std::ptrdiff_t>(side.size()));
+  };
+  return is_on(side1) && is_on(side2);
+}
+
 void CountTracks(const ConfidenceInput& input, const FrameCuts& cuts,
                  CutEvidence* evidence) {
   FrameCuts::Sums tracks(cuts), ties(cuts);
@@ -121,17 +137,28 @@ void FindFewTies(const ConfidenceInput& input, const FrameCuts& cuts,
     ++num_edges[cuts.cuts()[k].frame_below];
     ++num_edges[cuts.cuts()[k].frame_above];
   }
+  if (few.empty()) return;
   StableSortBy(&few, [&](size_t a) {
     return std::pair(num_ties[a], evidence->num_confirmed[a]);
   });
+  std::vector<std::vector<const Point3D*>> points_of_frame(cuts.num_frames());
+  for (const Point3D& point : input.reconstruction.points) {
+    for (const int frame : FramesOf(input.scene, point)) {
+      points_of_frame[frame].push_back(&point);
+    }
+  }
   for (const size_t k : few) {
     const auto& [below, above] = cuts.cuts()[k];
     if (num_edges[below] == 1 || num_edges[above] == 1) {
       const bool is_below = num_edges[below] == 1;
       const int num_required = num_edges[is_below ? above : below] > 1 ? 2 : 1;
-      num_ties[k] = CountTies(input.scene, input.reconstruction,
-                              {is_below ? below : above},
-                              cuts.FramesOfSide(k, !is_below), num_required);
+      const int end = is_below ? below : above;
+      const std::vector<int> others = cuts.FramesOfSide(k, !is_below);
+      num_ties[k] = static_cast<double>(
+          CountIf(points_of_frame[end], [&](const Point3D* point) {
+            return Ties(FramesOf(input.scene, *point), {end}, others,
+                        num_required);
+          }));
       if (num_ties[k] >= min_num_ties) continue;
     }
     evidence->reasons[k] = SeamReason::kFewTies;
@@ -352,22 +379,11 @@ Seam MakeSeam(const FrameCuts& cuts, const CutEvidence& evidence,
 }  // namespace
 
 int CountTies(const Scene& scene, const Reconstruction& reconstruction,
-              const std::vector<int>& side1, const std::vector<int>& side2,
-              int min_num_frames) {
-  int num_ties = 0;
-  for (const Point3D& point : reconstruction.points) {
-    const std::vector<int> frames = FramesOf(scene, point);
-    const auto is_on = [&](const std::vector<int>& side) {
-      const auto num_on_side = CountIf(frames, [&](int frame) {
-        return std::binary_search(side.begin(), side.end(), frame);
-      });
-      return num_on_side >=
-             std::min<std::ptrdiff_t>(min_num_frames,
-                                      static_cast<std::ptrdiff_t>(side.size()));
-    };
-    if (is_on(side1) && is_on(side2)) ++num_ties;
-  }
-  return num_ties;
+              const std::vector<int>& side1, const std::vector<int>& side2) {
+  return static_cast<int>(
+      CountIf(reconstruction.points, [&](const Point3D& point) {
+        return Ties(FramesOf(scene, point), side1, side2, 2);
+      }));
 }
 
 Confidence EstimateConfidence(const ConfidenceInput& input,

@@ -24,11 +24,10 @@ struct ConfidenceInput {
   ComparedMotions motions = {};
 };
 
-// The points that `min_num_frames` frames of each of two sides observe, or all
-// frames of a side that has fewer. Sides are sorted.
+// The points that two frames of each of two sides observe, or the only frame of
+// a side. Sides are sorted.
 int CountTies(const Scene& scene, const Reconstruction& reconstruction,
-              const std::vector<int>& side1, const std::vector<int>& side2,
-              int min_num_frames = 2);
+              const std::vector<int>& side1, const std::vector<int>& side2);
 
 // See mgsfm/seams/confidence.h. Seams have no standard deviations. Cost:
 // linear in matches and observations, times the depth of the tree for pairs of

@@ -212,22 +212,36 @@ void LogWhyNothingIsHeld(const std::optional<double>& bend,
   }
 }
 
-// Adjusts what does not exist. Returns false, with the model as it was, if the
-// existing frames contradict it or a solve fails.
-bool AdjustBeside(const JoinedModel& input, const MapperOptions& options,
-                  const Context& context, MapperModel* model) {
+// Adjusts what does not exist. Returns the measurements that it used, or
+// nullopt, with the model as it was, if the existing frames contradict it or a
+// solve fails.
+std::optional<BundlePriors> AdjustBeside(const JoinedModel& input,
+                                         const AdjustmentInput& adjustment,
+                                         const MapperOptions& options,
+                                         const Context& context,
+                                         MapperModel* model) {
   const Scene& scene = input.scene;
   const Mask& existing = input.existing_frames;
   FinishedMapSummary& summary = model->finished_map.emplace();
   summary.num_existing_frames = static_cast<int>(existing.Count());
+  if (!input.positions.IsEmpty() && input.parts == nullptr) {
+    context.Info(
+        "the finished map is not in the world of the positions; everything is "
+        "adjusted");
+    return std::nullopt;
+  }
+  BundlePriors priors;
+  UsePriorsInPlace(adjustment, options, context, &priors, model);
   summary.frames_are_fixed =
       !input.is_refined || existing.Count() == existing.size();
-  if (summary.frames_are_fixed) return true;  // there is nothing to adjust
+  if (summary.frames_are_fixed) return priors;  // there is nothing to adjust
   const RunningStage stage("bundle adjustment", context);
   const BundleAdjustmentOptions& bundle = options.bundle_adjustment;
   Reconstruction& joined = model->reconstruction;
-  RefinementConditions conditions;
-  Hold(scene, existing, joined, &conditions);
+  RefinementConditions of_map;
+  Hold(scene, existing, joined, &of_map);
+  RefinementConditions conditions{priors, of_map.fixed};
+  conditions.priors.calibration = of_map.priors.calibration;
   std::vector<Point3D> finished = TakeFinishedPoints(input, &joined.points);
   BundleResult result =
       Refine(input, joined, bundle, conditions, stage.context());
@@ -235,8 +249,8 @@ bool AdjustBeside(const JoinedModel& input, const MapperOptions& options,
       AllOf(result.summary.solves,
             [](const SolveSummary& solve) { return solve.IsUsable(); });
   if (is_usable) {
-    summary.bend = MeasureBend(input, result.estimate, conditions, bundle,
-                               stage.context());
+    summary.bend =
+        MeasureBend(input, result.estimate, of_map, bundle, stage.context());
   }
   summary.frames_are_fixed = summary.bend && *summary.bend <= 1.0;
   if (summary.frames_are_fixed) {
@@ -251,7 +265,8 @@ bool AdjustBeside(const JoinedModel& input, const MapperOptions& options,
     LogWhyNothingIsHeld(summary.bend, context);
   }
   stage.Finish(&model->times);
-  return summary.frames_are_fixed;
+  if (!summary.frames_are_fixed) return std::nullopt;
+  return priors;
 }
 
 // Returns the measurements that it used.
@@ -311,7 +326,12 @@ MapperResult AdjustJoinedModel(const JoinedModel& input,
   const KeypointColors colors(scene, joined);
   BundlePriors priors;
   model.reconstruction = std::move(joined);
-  if (!existing.empty() && AdjustBeside(input, options, context, &model)) {
+  std::optional<BundlePriors> beside;
+  if (!existing.empty()) {
+    beside = AdjustBeside(input, adjustment, options, context, &model);
+  }
+  if (beside) {
+    priors = *std::move(beside);
     adjustment.held.frames = existing;
   } else {
     tracks = LinkObservations(scene, model.reconstruction.points);

@@ -26,8 +26,8 @@ struct JoinedModel {
   // (bundle_adjustment/solve.h).
   std::optional<size_t> max_num_observations = {};
   // The frames of a finished map. The model has the world and the calibration
-  // of the map, and there are no positions, no gravity and no limit of
-  // observations. Empty: there is no finished map.
+  // of the map, `parts` if this is the world of the positions, and there is no
+  // limit of observations. Empty: there is no finished map.
   Mask existing_frames = {};
 };
 
@@ -46,7 +46,9 @@ struct JoinedModel {
 // variance of the keypoints, with six degrees of freedom for each new frame but
 // one that shares points with the map. If 2 E rises by more than the mean of
 // such a variable and kRareErrorInSigmas of its standard deviations, or if a
-// solve fails, everything is adjusted.
+// solve fails, everything is adjusted, as it is if the map is not in the world
+// of given positions. Positions and gravity of the existing frames have no
+// effect, as the map follows theirs.
 //
 // Points keep their colors. The result has one model, findings about it, the
 // sensors of the rotation summary, and the frames without a pose.

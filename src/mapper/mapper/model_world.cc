@@ -128,6 +128,16 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   return ignore();
 }
 
+void UseGravity(const AdjustmentInput& input, const MapperOptions& options,
+                const Reconstruction& model, BundlePriors* used) {
+  const auto gravity =
+      EstimateGravity(input.scene, input.gravity,
+                      options.rotation_averaging.gravity_sigma_deg, model);
+  if (!gravity) return;
+  used->gravity =
+      GravityTerms{input.gravity, gravity->down_in_world, gravity->sigma_rad};
+}
+
 void JudgeFocalLengths(const AdjustmentInput& input,
                        const BundlePriors& used_priors,
                        const MapperOptions& options, const Context& context,
@@ -215,12 +225,20 @@ void UsePriors(const AdjustmentInput& input, const MapperOptions& options,
   if (!input.positions.IsEmpty()) {
     used->positions = MoveToPriors(input, options, context, initial, model);
   }
-  if (const auto gravity = EstimateGravity(
-          input.scene, input.gravity,
-          options.rotation_averaging.gravity_sigma_deg, *initial)) {
-    used->gravity =
-        GravityTerms{input.gravity, gravity->down_in_world, gravity->sigma_rad};
+  UseGravity(input, options, *initial, used);
+}
+
+void UsePriorsInPlace(const AdjustmentInput& input,
+                      const MapperOptions& options, const Context& context,
+                      BundlePriors* used, MapperModel* model) {
+  if (!input.positions.IsEmpty()) {
+    Reconstruction moved = model->reconstruction;
+    PositionRegistration registration =
+        RegisterModel(input, input.positions, context, &moved);
+    model->position_priors = std::move(registration.summary);
+    used->positions = std::move(registration.used);
   }
+  UseGravity(input, options, model->reconstruction, used);
 }
 
 void PlaceModelInWorld(const AdjustmentInput& input, const BundlePriors& used,

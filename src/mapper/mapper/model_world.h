@@ -17,6 +17,11 @@ void UsePriors(const AdjustmentInput& input, const MapperOptions& options,
                const Context& context, Reconstruction* initial,
                BundlePriors* used, MapperModel* model);
 
+// The same for a model that is in the world of the positions and stays there.
+void UsePriorsInPlace(const AdjustmentInput& input,
+                      const MapperOptions& options, const Context& context,
+                      BundlePriors* used, MapperModel* model);
+
 // After bundle adjustment: states how well they agree, checks the focal
 // lengths, and moves the model to its final world.
 void PlaceModelInWorld(const AdjustmentInput& input, const BundlePriors& used,
