@@ -128,6 +128,28 @@ TEST_F(CalibrationTest, RosStereoPair) {
              rectification.transpose() * Eigen::Vector3d(-0.12, 0.0, 0.0));
 }
 
+// RTAB-Map writes the format of ROS with cv::FileStorage (CameraModel::save,
+// StereoCameraModel::save).
+TEST_F(CalibrationTest, RtabMapStereoPair) {
+  std::string right = kRos;
+  right.replace(right.find("right"), 5, "zed_right");
+  std::string left = right;
+  left.replace(left.find("right"), 5, "left");
+  left.replace(left.find("-48"), 3, "0");
+  const std::string header = "%YAML:1.0\n---\n";
+  Write("calib/zed_left.yaml", header + left);
+  Write("calib/zed_right.yaml", header + right);
+  Write("calib/zed_pose.yaml",
+        header +
+            "camera_name: zed\nrotation_matrix:\n   rows: 3\n   cols: 3\n"
+            "   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]\n");
+  const Cameras cameras = ReadCalibration(Path("calib"));
+  ASSERT_EQ(cameras.size(), 2u);
+  EXPECT_THAT(cameras[0].names, ElementsAre("zed_left", "zed_left", "left"));
+  EXPECT_THAT(cameras[1].names, ElementsAre("zed_right", "zed_right", "right"));
+  EXPECT_NEAR(CamFromFirst(cameras, 1).translation.norm(), 0.12, 1e-12);
+}
+
 TEST_F(CalibrationTest, SingleCamerasOfOpenCvHaveNoPose) {
   const Cameras cameras = ReadCalibration(Write("front.yaml", kOpenCv) + "," +
                                           Write("rear.yml", kOpenCv));

@@ -39,7 +39,7 @@ struct CalibratedCamera {
 // Reads calibrations; the content of a file shows its format:
 //   Kalibr           camchain.yaml
 //   EuRoC            sensor.yaml, one per camera
-//   OpenCV, ROS      camera_info YAML, one per camera
+//   OpenCV, ROS      camera_info YAML, one per camera (also of RTAB-Map)
 //   camodocal        YAML with model_type, one per camera (VINS, KITTI-360)
 //   KITTI            calib.txt, calib_cam_to_cam.txt
 //   KITTI-360        perspective.txt with calib_cam_to_pose.txt

@@ -25,7 +25,14 @@ std::vector<std::string> NamesOf(const YamlValue& file,
                                  const std::filesystem::path& path) {
   std::vector<std::string> names;
   if (const auto name = file.Find("camera_name")) names.push_back(name->Text());
-  names.push_back(path.stem().string());
+  const std::string stem = path.stem().string();
+  names.push_back(stem);
+  // RTAB-Map names the files of a stereo pair NAME_left.yaml, NAME_right.yaml.
+  const size_t underscore = stem.rfind('_');
+  if (underscore != std::string::npos) {
+    const std::string side = stem.substr(underscore + 1);
+    if (side == "left" || side == "right") names.push_back(side);
+  }
   return names;
 }
 
