@@ -94,9 +94,7 @@ class LevenbergMarquardt {
       Finish(Termination::kConverged, "The step is small.");
     } else if (decrease > 1e-3 * step.predicted_decrease && decrease > 0.0) {
       // Rounding errors of small steps can predict an increase.
-      Accept(step.new_cost, step.predicted_decrease > 0.0
-                                ? decrease / step.predicted_decrease
-                                : 1.0);
+      Accept(step);
     } else if (step.predicted_decrease <= 1e-14 * cost_) {
       Finish(Termination::kConverged, "No step decreases the cost.");
     } else {
@@ -104,17 +102,24 @@ class LevenbergMarquardt {
     }
   }
 
-  void Accept(double new_cost, double ratio) {
+  void Accept(const TrialStep& step) {
     const double old_cost = cost_;
     const bool is_undamped = lambda_ == kMinLambda;
     problem_.AcceptStep();
-    cost_ = new_cost;
+    cost_ = step.new_cost;
     const double relative_decrease = (old_cost - cost_) / old_cost;
+    const double ratio = step.predicted_decrease > 0.0
+                             ? (old_cost - cost_) / step.predicted_decrease
+                             : 1.0;
     const double share =
         std::log(relative_decrease) / std::log(options_.function_tolerance);
     share_ = is_converged_ ? share : std::max(share_, share);
     Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
-    is_converged_ = relative_decrease <= options_.function_tolerance;
+    // Without damping, points at infinity wander from one minimum of the loss
+    // to the next, which no step predicts.
+    is_converged_ = relative_decrease <= options_.function_tolerance ||
+                    (is_undamped && step.predicted_decrease <=
+                                        options_.function_tolerance * old_cost);
     if (cost_ == 0.0 || (is_converged_ && is_undamped)) {
       FinishAtSmallChange();
     } else if (is_converged_) {

@@ -273,6 +273,37 @@ TEST(LevenbergMarquardtTest, ConvergesIfUndampedStepsFail) {
   EXPECT_EQ(summary.num_iterations, static_cast<int>(chain.lambdas().size()));
 }
 
+// A chain beside points that undamped steps move: the cost then decreases by
+// more than the steps predict.
+class ChainWithPoints : public Chain {
+ public:
+  using Chain::Chain;
+  double Cost() override { return Chain::Cost() + cost_of_points_; }
+  TrialStep TryStep() override {
+    TrialStep step = Chain::TryStep();
+    decrease_ = lambdas().back() <= 1e-16 ? 0.1 * cost_of_points_ : 0.0;
+    step.new_cost += cost_of_points_ - decrease_;
+    return step;
+  }
+  void AcceptStep() override {
+    Chain::AcceptStep();
+    cost_of_points_ -= decrease_;
+  }
+
+ private:
+  double cost_of_points_ = 1.0;
+  double decrease_ = 0.0;
+};
+
+TEST(LevenbergMarquardtTest, ConvergesIfUndampedStepsPredictNoDecrease) {
+  Chain chain(20);
+  ChainWithPoints with_points(20);
+  const SolveSummary expected = MinimizeChain(1e-6, 100, &chain);
+  const SolveSummary summary = MinimizeChain(1e-6, 100, &with_points);
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_LE(summary.num_iterations, expected.num_iterations + 2);
+}
+
 TEST(LevenbergMarquardtTest, DampingFallsFasterAfterConsecutiveGoodSteps) {
   Chain chain(10000);
   const SolveSummary summary = MinimizeChain(1e-14, 100, &chain);
