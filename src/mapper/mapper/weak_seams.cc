@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper/weak_seams.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <map>
@@ -92,9 +93,8 @@ int NumFramesInSegments(const Scene& scene, const MapperModel& model,
 }
 
 // The used pairs of a segment.
-Mask PairsOfSegment(const AdjustmentInput& input,
+Mask PairsOfSegment(const AdjustmentInput& input, Mask pair_is_used,
                     const std::vector<int>& segment_of_frame, int segment) {
-  Mask pair_is_used = input.pair_is_used;
   const auto is_elsewhere = [&](int image_idx) {
     return segment_of_frame[input.scene.images[image_idx].frame_idx] != segment;
   };
@@ -107,45 +107,71 @@ Mask PairsOfSegment(const AdjustmentInput& input,
   return pair_is_used;
 }
 
+// A part of a model, and the used pairs within it.
+struct Part {
+  MapperModel model;
+  Mask pair_is_used;
+};
+
+// The parts that no seam divides and that are large enough, the largest last.
+std::vector<Part> Divide(const Part& whole, const std::vector<Seam>& seams,
+                         const AdjustmentInput& input,
+                         const MapperOptions& options) {
+  const Scene& scene = input.scene;
+  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
+  const std::map<int, int> counts = CountFrames(whole.model, segment_of_frame);
+  std::vector<std::pair<int, int>> segments(counts.begin(), counts.end());
+  StableSortDescendingBy(&segments, [](const auto& a) { return a.second; });
+  std::reverse(segments.begin(), segments.end());
+  std::vector<Part> parts;
+  for (const auto& [segment, num_frames] : segments) {
+    MapperModel model = whole.model;
+    model.reconstruction = KeepSegment(scene, segment_of_frame, segment,
+                                       std::move(model.reconstruction));
+    if (!IsLargeEnough(model, options)) continue;
+    parts.push_back(
+        {std::move(model),
+         PairsOfSegment(input, whole.pair_is_used, segment_of_frame, segment)});
+  }
+  return parts;
+}
+
+// Parts are adjusted, and divided until none has such a seam: pairs of other
+// parts can hide one.
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const MapperOptions& options,
                                       const Context& context,
                                       const std::vector<Seam>& seams,
                                       const ConfidenceFunction& confidence_of,
-                                      const MapperModel& model) {
-  const Scene& scene = input.scene;
-  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
-  const std::map<int, int> counts = CountFrames(model, segment_of_frame);
-  std::vector<std::pair<int, int>> segments(counts.begin(), counts.end());
-  StableSortDescendingBy(&segments, [](const auto& a) { return a.second; });
-  std::vector<MapperModel> parts;
-  for (const auto& [segment, num_frames] : segments) {
-    MapperModel part = model;
-    part.reconstruction = KeepSegment(scene, segment_of_frame, segment,
-                                      std::move(part.reconstruction));
-    if (!IsLargeEnough(part, options)) continue;
-    if (input.calibration && !parts.empty()) {
-      PassOn(parts.back(), input.positions, options, context,
+                                      MapperModel model) {
+  std::vector<Part> waiting =
+      Divide({std::move(model), input.pair_is_used}, seams, input, options);
+  std::vector<MapperModel> finished;
+  size_t num_learned = 0;
+  while (!waiting.empty()) {
+    Part part = std::move(waiting.back());
+    waiting.pop_back();
+    for (; input.calibration && num_learned < finished.size(); ++num_learned) {
+      PassOn(finished[num_learned], input.positions, options, context,
              input.calibration);
     }
     AdjustmentInput of_part = input;
-    of_part.pair_is_used = PairsOfSegment(input, segment_of_frame, segment);
-    Reconstruction initial = std::move(part.reconstruction);
-    AdjustModel(of_part, options, context, std::move(initial), &part);
-    if (!IsLargeEnough(part, options)) continue;
-    part.confidence = confidence_of(of_part.pair_is_used, part);
-    // Pairs of other parts can have hidden a seam.
-    const std::vector<Seam> of_seams = SeamsToSplit(scene, part, options);
-    if (of_seams.empty()) {
-      parts.push_back(std::move(part));
+    of_part.pair_is_used = part.pair_is_used;
+    Reconstruction initial = std::move(part.model.reconstruction);
+    AdjustModel(of_part, options, context, std::move(initial), &part.model);
+    if (!IsLargeEnough(part.model, options)) continue;
+    part.model.confidence = confidence_of(part.pair_is_used, part.model);
+    const std::vector<Seam> of_part_seams =
+        SeamsToSplit(input.scene, part.model, options);
+    if (of_part_seams.empty()) {
+      finished.push_back(std::move(part.model));
       continue;
     }
-    for (MapperModel& smaller : SplitAtSeams(of_part, options, context,
-                                             of_seams, confidence_of, part)) {
-      parts.push_back(std::move(smaller));
+    for (Part& smaller : Divide(part, of_part_seams, input, options)) {
+      waiting.push_back(std::move(smaller));
     }
   }
-  return parts;
+  return finished;
 }
 
 // The pairs of neighbors in time across a seam.
@@ -300,7 +326,8 @@ std::vector<MapperModel> TestSeams(
   if (seams.empty()) return {std::move(model)};
   context.Info("the model is split at " + std::to_string(seams.size()) +
                " of its weak seams");
-  return SplitAtSeams(input, options, context, seams, confidence_of, model);
+  return SplitAtSeams(input, options, context, seams, confidence_of,
+                      std::move(model));
 }
 
 bool IsLargeEnough(const MapperModel& model, const MapperOptions& options) {
