@@ -116,10 +116,11 @@ class LevenbergMarquardt {
     share_ = is_converged_ ? share : std::max(share_, share);
     Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
     // Without damping, points at infinity wander from one minimum of the loss
-    // to the next, which no step predicts.
-    is_converged_ = relative_decrease <= options_.function_tolerance ||
-                    (is_undamped && step.predicted_decrease <=
-                                        options_.function_tolerance * old_cost);
+    // to the next if they are minimized, which no step predicts.
+    is_converged_ =
+        relative_decrease <= options_.function_tolerance ||
+        (is_undamped && options_.minimizes_points &&
+         step.predicted_decrease <= options_.function_tolerance * old_cost);
     if (cost_ == 0.0 || (is_converged_ && is_undamped)) {
       FinishAtSmallChange();
     } else if (is_converged_) {

@@ -46,7 +46,7 @@ enum class ReducedSolver {
 //   |step| <= parameter_tolerance (|state| + parameter_tolerance)    or
 //   an accepted step has cost - new cost <= function_tolerance cost, and the
 //   next one, without damping (native backend), does so as well, predicts no
-//   more, or fails  or
+//   more (if it minimizes points), or fails  or
 //   a step is rejected although it predicts a decrease of at most 1e-14 cost,
 //   which is below rounding errors.
 // kFailure if the initial cost or a derivative is not finite, or lambda exceeds
