@@ -89,14 +89,17 @@ std::optional<Gap> FindGap(const ChosenMotions& chosen, const Steps& steps,
   return gap;
 }
 
+// Bounds the cost. With 31, the models of two drives are the same.
+constexpr size_t kMaxNumSteps = 8;
+
 // If a vehicle fills the views of consecutive frames, their matches measure
 // only the motion relative to the vehicle. Frames further apart may show the
 // scene, as one of them sees past the vehicle.
 //
 // Adds candidates for steps without a choice: the hypotheses between frames at
-// most kMaxNumSkipped + 1 steps apart, without the chosen motions of the steps
-// before the first unknown step and after the last one, whose distances must be
-// known. Returns whether there are any.
+// most kMaxNumSteps steps apart, without the chosen motions of the steps before
+// the first unknown step and after the last one, whose distances must be known.
+// Returns whether there are any.
 //
 // Cost: that of the hypotheses, for each pair of frames around an unknown step.
 bool AddLongMotions(const std::vector<int>& frame_idxs,
@@ -104,7 +107,7 @@ bool AddLongMotions(const std::vector<int>& frame_idxs,
                     const Mask& is_doubtful, Steps* steps) {
   bool are_added = false;
   for (size_t begin = 0; begin < chosen.size(); ++begin) {
-    const size_t last = std::min(chosen.size(), begin + kMaxNumSkipped + 1) - 1;
+    const size_t last = std::min(chosen.size(), begin + kMaxNumSteps) - 1;
     for (size_t k = begin; k <= last && (chosen[k] || is_doubtful[k]); ++k) {
       const auto gap = FindGap(chosen, *steps, begin, k + 1);
       if (!gap || k == begin) continue;
@@ -177,13 +180,13 @@ MotionNoise Larger(const MotionNoise& a, const MotionNoise& b) {
           std::max(a.linear_change, b.linear_change)};
 }
 
-// The steps near those whose hypotheses disagree.
-Mask FindDoubtful(const Mask& has_rivals) {
+// The steps within the reach of those whose hypotheses disagree.
+Mask FindDoubtful(const Mask& has_rivals, size_t reach) {
   Mask is_doubtful(has_rivals.size(), false);
   for (size_t k = 0; k < has_rivals.size(); ++k) {
     if (!has_rivals[k]) continue;
-    is_doubtful.Fill(k - std::min(k, kMaxNumSkipped),
-                     std::min(has_rivals.size(), k + kMaxNumSkipped + 1), true);
+    is_doubtful.Fill(k - std::min(k, reach),
+                     std::min(has_rivals.size(), k + reach + 1), true);
   }
   return is_doubtful;
 }
@@ -301,8 +304,8 @@ std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
   const auto are_few = [&](size_t begin, size_t end) {
     const double duration = std::accumulate(durations.begin() + begin,
                                             durations.begin() + end, 0.0);
-    return end - begin <= kMaxNumSkipped &&
-           std::round(duration) <= static_cast<double>(kMaxNumSkipped);
+    return end - begin <= steps.reach &&
+           std::round(duration) <= static_cast<double>(steps.reach);
   };
   for (size_t k = 0; k < chosen.size(); ++k) {
     RigPath::Place next = places.back();
@@ -332,7 +335,8 @@ std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
 }
 
 // The steps of a sequence with their hypotheses.
-Steps MeasureSteps(const TemporalOrder& order, const std::vector<int>& sequence,
+Steps MeasureSteps(const FramePairIndex& index,
+                   const std::vector<int>& sequence,
                    const MotionEvidence& evidence, int num_threads) {
   std::vector<StepHypotheses> hypotheses(sequence.size() - 1);
   ParallelFor(hypotheses.size(), num_threads, [&](size_t k) {
@@ -340,9 +344,10 @@ Steps MeasureSteps(const TemporalOrder& order, const std::vector<int>& sequence,
   });
   std::vector<double> durations;
   for (size_t k = 0; k < hypotheses.size(); ++k) {
-    durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
+    durations.push_back(index.order()->Duration(sequence[k], sequence[k + 1]));
   }
   Steps steps = MakeSteps(hypotheses, std::move(durations));
+  steps.reach = static_cast<size_t>(index.Reach(sequence.front()));
   if (evidence.compare) {
     steps.compare = [&](size_t k, const Rigid3& a, const Rigid3& b) {
       return evidence.compare(sequence[k], sequence[k + 1], a, b);
@@ -371,7 +376,7 @@ Decision Decide(const std::vector<int>& sequence,
     has_rivals[k] = HasRivals(*steps, k);
   }
   Decision decision;
-  decision.is_doubtful = FindDoubtful(has_rivals);
+  decision.is_doubtful = FindDoubtful(has_rivals, steps->reach);
   const auto choose = [&] {
     for (size_t k = 0; k < steps->size(); ++k) {
       if (decision.is_doubtful[k]) {
@@ -403,10 +408,11 @@ std::vector<int> GroupFrames(const ChosenMotions& chosen, int first_group) {
 }
 
 // Adds the places of one sequence. Returns the number of the next segment.
-int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
+int FollowSequence(const FramePairIndex& index,
+                   const std::vector<int>& sequence,
                    const MotionEvidence& evidence, int num_threads,
                    int first_stretch, RigPath* path) {
-  Steps steps = MeasureSteps(order, sequence, evidence, num_threads);
+  Steps steps = MeasureSteps(index, sequence, evidence, num_threads);
   path->noise = Larger(path->noise, steps.noise);
   Decision decision = Decide(sequence, evidence, &steps);
   ChosenMotions& chosen = decision.choice.motions;
@@ -457,8 +463,9 @@ MeasuredMotion RigPath::MeasuredBetween(int earlier, int later) const {
               from_start.transpose()};
 }
 
-RigPath FindRigPath(const TemporalOrder& order, int num_frames,
-                    const MotionEvidence& evidence, int num_threads) {
+RigPath FindRigPath(const FramePairIndex& index, const MotionEvidence& evidence,
+                    int num_threads) {
+  const int num_frames = index.num_frames();
   RigPath path;
   path.of_frame.resize(num_frames);
   path.group.resize(num_frames, -1);
@@ -467,9 +474,9 @@ RigPath FindRigPath(const TemporalOrder& order, int num_frames,
     *mask = Mask(num_frames, false);
   }
   int num_stretches = 0;
-  for (const std::vector<int>& sequence : order.sequences()) {
+  for (const std::vector<int>& sequence : index.order()->sequences()) {
     if (sequence.size() < 2) continue;
-    num_stretches = FollowSequence(order, sequence, evidence, num_threads,
+    num_stretches = FollowSequence(index, sequence, evidence, num_threads,
                                    num_stretches, &path);
   }
   return path;

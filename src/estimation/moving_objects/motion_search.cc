@@ -48,25 +48,24 @@ double Loss(double squared) {
 class MotionSearch {
  public:
   MotionSearch(const Steps& steps, const Mask& is_doubtful) : steps_(steps) {
-    size_t with_candidates = 0;  // the last step before
     skip_cost_before_.push_back(0.0);
     for (size_t k = 0; k < steps.size(); ++k) {
-      const bool is_empty = steps.candidates[k].empty();
-      skip_cost_before_.push_back(
-          skip_cost_before_.back() +
-          (is_doubtful[k] || is_empty ? kSkipCost : kNeverSkip));
-      first_before_.push_back(
-          std::min(with_candidates, k - std::min(k, kMaxNumSkipped + 1)));
-      if (!is_empty) with_candidates = k;
+      const bool may_skip = is_doubtful[k] || steps.candidates[k].empty();
+      skip_cost_before_.push_back(skip_cost_before_.back() +
+                                  (may_skip ? kSkipCost : kNeverSkip));
     }
   }
 
   MotionChoice Solve() {
     for (size_t k = 0; k < steps_.size(); ++k) {
       nodes_.emplace_back();
+      double lowest = k > 0 ? lowest_before_.back() : kInfinity;
       for (const Candidate& candidate : steps_.candidates[k]) {
         nodes_.back().push_back(BestNode(k, candidate));
+        lowest = std::min(lowest,
+                          nodes_.back().back().cost - skip_cost_before_[k + 1]);
       }
+      lowest_before_.push_back(lowest);
     }
     MotionChoice choice;
     choice.motions = TraceBack(&choice.cost);
@@ -125,8 +124,9 @@ class MotionSearch {
               {},
               VelocityOf(steps_.MotionOf(k, candidate),
                          steps_.Duration(k, candidate.num_steps))};
-    for (size_t previous = first_before_[k];
-         previous + candidate.num_steps <= k; ++previous) {
+    for (size_t end = k + 1 - candidate.num_steps; end > 0; --end) {
+      const size_t previous = end - 1;
+      if (lowest_before_[previous] + skip_cost_before_[k] >= best.cost) break;
       for (size_t g = 0; g < nodes_[previous].size(); ++g) {
         const Node& node = nodes_[previous][g];
         const double skipped = node.cost + SkipCost(previous + 1, k);
@@ -167,18 +167,23 @@ class MotionSearch {
     return chosen;
   }
 
-  // The lowest cost of all steps after a node of step k, given those of the
-  // nodes of later steps.
-  double CostAfter(size_t k, const Node& node,
-                   const std::vector<std::vector<double>>& after) const {
+  // The costs of the steps from one on.
+  struct LaterCosts {
+    std::vector<std::vector<double>> of_node;  // if they begin with a node
+    // Per step: the lowest one, if they begin with a node of this step or of a
+    // later one, and all steps before it are skipped.
+    std::vector<double> lowest;
+  };
+
+  // The lowest cost of all steps after a node of step k.
+  double CostAfter(size_t k, const Node& node, const LaterCosts& later) const {
     double lowest = SkipCost(k + 1, nodes_.size());
-    for (size_t next = k + 1; next < nodes_.size() && first_before_[next] <= k;
-         ++next) {
+    for (size_t next = k + 1; next < nodes_.size(); ++next) {
+      if (later.lowest[next] - skip_cost_before_[k + 1] >= lowest) break;
       for (size_t g = 0; g < nodes_[next].size(); ++g) {
         const Candidate& candidate = steps_.candidates[next][g];
         if (k + candidate.num_steps > next) continue;
-        const double cost =
-            SkipCost(k + 1, next) + OwnCost(candidate) + after[next][g];
+        const double cost = SkipCost(k + 1, next) + later.of_node[next][g];
         if (cost >= lowest) continue;
         const Velocity velocity =
             steps_.VelocityAfter(node.velocity.linear, next, candidate);
@@ -190,14 +195,20 @@ class MotionSearch {
   }
 
   std::vector<double> Margins(const MotionChoice& choice) const {
-    std::vector<std::vector<double>> after(nodes_.size());
+    LaterCosts later;
+    later.of_node.resize(nodes_.size());
+    later.lowest.resize(nodes_.size() + 1, kInfinity);
     std::vector<double> margins(nodes_.size(), kInfinity);
     for (size_t k = nodes_.size(); k-- > 0;) {
       const auto& chosen = choice.motions[k];
+      later.lowest[k] = later.lowest[k + 1];
       for (size_t h = 0; h < nodes_[k].size(); ++h) {
         const Node& node = nodes_[k][h];
-        after[k].push_back(CostAfter(k, node, after));
-        const double margin = node.cost + after[k].back() - choice.cost;
+        const double after = CostAfter(k, node, later);
+        later.of_node[k].push_back(OwnCost(steps_.candidates[k][h]) + after);
+        later.lowest[k] = std::min(
+            later.lowest[k], skip_cost_before_[k] + later.of_node[k].back());
+        const double margin = node.cost + after - choice.cost;
         if (margin >= margins[k]) continue;
         if (!chosen || IsAnother(*chosen, k, steps_.candidates[k][h], node)) {
           margins[k] = margin;
@@ -236,10 +247,10 @@ class MotionSearch {
 
   const Steps& steps_;
   std::vector<double> skip_cost_before_;  // sums over the steps before each
-  // Per step: the first one that may come before it. More steps than
-  // kMaxNumSkipped may be skipped if none of them has a hypothesis.
-  std::vector<size_t> first_before_;
   std::vector<std::vector<Node>> nodes_;
+  // Per step: the lowest cost of a node of this step or of an earlier one, less
+  // that of skipping all steps up to the node.
+  std::vector<double> lowest_before_;
 };
 
 }  // namespace

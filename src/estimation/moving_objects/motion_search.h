@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -9,12 +8,6 @@
 #include "moving_objects/motion_candidates.h"
 
 namespace mgsfm {
-
-// The most steps that have candidates but no motion, between two steps with
-// one. Bounds the cost, which is linear in it. Steps as near to a contested one
-// are doubtful (motion_continuity.h). As a bound of skipped steps, half or
-// twice as many change no error.
-inline constexpr size_t kMaxNumSkipped = 7;
 
 // Chooses one motion per step, or none, by dynamic programming.
 //
@@ -29,9 +22,9 @@ inline constexpr size_t kMaxNumSkipped = 7;
 // is an approximation. A motion over several steps counts for the margin of the
 // last one only. The steps within it cost as much as steps without a motion.
 //
-// Cost: the product of the numbers of candidates of two steps, for each step
-// and each step within kMaxNumSkipped before, once for the choice and once for
-// the margins.
+// Cost: the product of the numbers of candidates of two steps, once for the
+// choice and once for the margins, for each pair of steps between which it
+// costs less to leave out all motions than the best motions found.
 
 struct ChosenMotion {
   Velocity velocity;

@@ -89,6 +89,24 @@ TEST(MotionSearchTest, MarginsDoNotDependOnTheDirectionOfTime) {
   }
 }
 
+// A stop from one step to the next costs more than to leave out all motions of
+// a vehicle that keeps its distance.
+TEST(MotionSearchTest, AnyNumberOfStepsMayBeSkipped) {
+  for (const size_t num_skipped : {3, 6, 9, 12, 15}) {
+    std::vector<StepHypotheses> hypotheses(
+        60, StepHypotheses{{{Forward(1.0)}, 0.9, 0.9}});
+    for (size_t k = 20; k < 20 + num_skipped; ++k) {
+      hypotheses[k] = {{{Forward(0.0)}, 0.9, 0.9}};
+    }
+    const MotionChoice choice =
+        ChooseMotions(MakeRegularSteps(hypotheses), Mask(60, true));
+    for (size_t k = 0; k < hypotheses.size(); ++k) {
+      EXPECT_EQ(choice.motions[k].has_value(), k < 20 || k >= 20 + num_skipped)
+          << k << " " << num_skipped;
+    }
+  }
+}
+
 TEST(MotionSearchTest, AMotionWithoutRivalHasAnInfiniteMargin) {
   const std::vector<StepHypotheses> hypotheses(
       kNumSteps, StepHypotheses{{{Forward(1.0)}, 0.9, 0.9}});
