@@ -91,7 +91,8 @@ struct BundleAdjustmentOptions {
                                  "Limit the iterations of one solve."};
   Option<double> function_tolerance{
       "function_tolerance", 1e-6, Between(0.0, 1.0),
-      "End a solve when the relative change of the cost is at most this."};
+      "End a solve when a step, and the next one without damping, change the "
+      "cost by at most this fraction."};
   // Scale of the Cauchy loss of reprojection errors.
   double loss_scale_px = 1.8;
   // Upper bound of loss_scale in standard deviations of the keypoint noise,

@@ -96,8 +96,9 @@ struct MapperOptions {
       "Choose what happens at the weak seams of a model: keep reports them, "
       "split makes a model of each side, and split_jumps does so only where "
       "adjacent frames contradict the motion of the rig. Sides always become "
-      "separate models if no points determine their relative pose. Split if a "
-      "wrong model is worse than several partial ones."};
+      "separate models if no points determine their relative pose, or only "
+      "loops that show one place or contradict the motion of the rig. Split if "
+      "a wrong model is worse than several partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;

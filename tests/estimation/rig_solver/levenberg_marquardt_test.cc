@@ -201,6 +201,10 @@ class Chain : public DampedProblem {
   void AcceptStep() override { x_ += step_; }
 
   const std::vector<double>& lambdas() const { return lambdas_; }
+  bool IsUndamped() const { return lambdas_.back() <= 1e-16; }
+
+ protected:
+  Eigen::VectorXd x_, step_;
 
  private:
   static constexpr double kLength = 0.9;
@@ -228,7 +232,6 @@ class Chain : public DampedProblem {
     return diagonal;
   }
 
-  Eigen::VectorXd x_, step_;
   std::vector<double> lambdas_;
 };
 
@@ -260,7 +263,7 @@ class FragileChain : public Chain {
   using Chain::Chain;
   TrialStep TryStep() override {
     TrialStep step = Chain::TryStep();
-    if (lambdas().back() <= 1e-16) step.new_cost = 2.0 * Cost();
+    if (IsUndamped()) step.new_cost = 2.0 * Cost();
     return step;
   }
 };
@@ -274,6 +277,50 @@ TEST(LevenbergMarquardtTest, ConvergesIfUndampedStepsFail) {
   EXPECT_EQ(summary.num_iterations, static_cast<int>(chain.lambdas().size()));
 }
 
+// A chain whose derivatives are infinite without damping.
+class BrittleChain : public Chain {
+ public:
+  using Chain::Chain;
+  bool Linearize(double lambda) override {
+    return Chain::Linearize(lambda) && !IsUndamped();
+  }
+};
+
+TEST(LevenbergMarquardtTest, ConvergesIfUndampedDerivativesFail) {
+  BrittleChain chain(10000);
+  const SolveSummary summary = MinimizeChain(0.5, 100, &chain);
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_EQ(summary.num_iterations, 2);
+  EXPECT_LT(summary.final_cost, summary.initial_cost);
+}
+
+// A chain whose first undamped step is half as long as it should be. No other
+// undamped step improves it.
+class StiffChain : public FragileChain {
+ public:
+  using FragileChain::FragileChain;
+  TrialStep TryStep() override {
+    if (num_undamped_ > 0 || !IsUndamped()) return FragileChain::TryStep();
+    ++num_undamped_;
+    step_ *= 0.5;
+    return Chain::TryStep();
+  }
+
+ private:
+  int num_undamped_ = 0;
+};
+
+TEST(LevenbergMarquardtTest, ReturnsToDampingIfUndampedStepsFail) {
+  StiffChain chain(10000);
+  const SolveSummary summary = MinimizeChain(0.5, 100, &chain);
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  const std::vector<double>& lambdas = chain.lambdas();
+  ASSERT_EQ(lambdas.size(), 5u);
+  for (const int i : {1, 2, 4}) EXPECT_EQ(lambdas[i], 1e-16) << i;
+  EXPECT_LE(lambdas[3], lambdas[0]);
+  EXPECT_GE(lambdas[3], 0.1 * lambdas[0]);
+}
+
 // A chain beside points that undamped steps move: the cost then decreases by
 // more than the steps predict.
 class ChainWithPoints : public Chain {
@@ -282,7 +329,7 @@ class ChainWithPoints : public Chain {
   double Cost() override { return Chain::Cost() + cost_of_points_; }
   TrialStep TryStep() override {
     TrialStep step = Chain::TryStep();
-    decrease_ = lambdas().back() <= 1e-16 ? 0.1 * cost_of_points_ : 0.0;
+    decrease_ = IsUndamped() ? 0.1 * cost_of_points_ : 0.0;
     step.new_cost += cost_of_points_ - decrease_;
     return step;
   }
