@@ -153,7 +153,6 @@ struct Steps {
   std::vector<double> durations;
   MotionNoise noise;
   double longest_step = 0.0;  // of those that are tried
-  size_t reach = 1;  // the number of steps for which points stay in view
   // The functions of MotionEvidence for step k.
   std::function<MotionExclusion(size_t, const Rigid3&, const Rigid3&)> compare =
       {};

@@ -89,17 +89,18 @@ std::optional<Gap> FindGap(const ChosenMotions& chosen, const Steps& steps,
   return gap;
 }
 
-// Bounds the cost. With 31, the models of two drives are the same.
-constexpr size_t kMaxNumSteps = 8;
+// For how many steps vehicles may hide the scene. Of two drives, the reach of
+// the sequence instead fails on one, and 30 instead of 7 mends the other.
+constexpr size_t kMaxNumHidden = 7;
 
 // If a vehicle fills the views of consecutive frames, their matches measure
 // only the motion relative to the vehicle. Frames further apart may show the
 // scene, as one of them sees past the vehicle.
 //
 // Adds candidates for steps without a choice: the hypotheses between frames at
-// most kMaxNumSteps steps apart, without the chosen motions of the steps before
-// the first unknown step and after the last one, whose distances must be known.
-// Returns whether there are any.
+// most kMaxNumHidden + 1 steps apart, without the chosen motions of the steps
+// before the first unknown step and after the last one, whose distances must be
+// known. Returns whether there are any.
 //
 // Cost: that of the hypotheses, for each pair of frames around an unknown step.
 bool AddLongMotions(const std::vector<int>& frame_idxs,
@@ -107,7 +108,7 @@ bool AddLongMotions(const std::vector<int>& frame_idxs,
                     const Mask& is_doubtful, Steps* steps) {
   bool are_added = false;
   for (size_t begin = 0; begin < chosen.size(); ++begin) {
-    const size_t last = std::min(chosen.size(), begin + kMaxNumSteps) - 1;
+    const size_t last = std::min(chosen.size(), begin + kMaxNumHidden + 1) - 1;
     for (size_t k = begin; k <= last && (chosen[k] || is_doubtful[k]); ++k) {
       const auto gap = FindGap(chosen, *steps, begin, k + 1);
       if (!gap || k == begin) continue;
@@ -180,13 +181,13 @@ MotionNoise Larger(const MotionNoise& a, const MotionNoise& b) {
           std::max(a.linear_change, b.linear_change)};
 }
 
-// The steps within the reach of those whose hypotheses disagree.
-Mask FindDoubtful(const Mask& has_rivals, size_t reach) {
+// The steps near those whose hypotheses disagree.
+Mask FindDoubtful(const Mask& has_rivals) {
   Mask is_doubtful(has_rivals.size(), false);
   for (size_t k = 0; k < has_rivals.size(); ++k) {
     if (!has_rivals[k]) continue;
-    is_doubtful.Fill(k - std::min(k, reach),
-                     std::min(has_rivals.size(), k + reach + 1), true);
+    is_doubtful.Fill(k - std::min(k, kMaxNumHidden),
+                     std::min(has_rivals.size(), k + kMaxNumHidden + 1), true);
   }
   return is_doubtful;
 }
@@ -304,8 +305,8 @@ std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
   const auto are_few = [&](size_t begin, size_t end) {
     const double duration = std::accumulate(durations.begin() + begin,
                                             durations.begin() + end, 0.0);
-    return end - begin <= steps.reach &&
-           std::round(duration) <= static_cast<double>(steps.reach);
+    return end - begin <= kMaxNumHidden &&
+           std::round(duration) <= static_cast<double>(kMaxNumHidden);
   };
   for (size_t k = 0; k < chosen.size(); ++k) {
     RigPath::Place next = places.back();
@@ -335,8 +336,7 @@ std::vector<RigPath::Place> FollowMotion(const ChosenMotions& chosen,
 }
 
 // The steps of a sequence with their hypotheses.
-Steps MeasureSteps(const FramePairIndex& index,
-                   const std::vector<int>& sequence,
+Steps MeasureSteps(const TemporalOrder& order, const std::vector<int>& sequence,
                    const MotionEvidence& evidence, int num_threads) {
   std::vector<StepHypotheses> hypotheses(sequence.size() - 1);
   ParallelFor(hypotheses.size(), num_threads, [&](size_t k) {
@@ -344,10 +344,9 @@ Steps MeasureSteps(const FramePairIndex& index,
   });
   std::vector<double> durations;
   for (size_t k = 0; k < hypotheses.size(); ++k) {
-    durations.push_back(index.order()->Duration(sequence[k], sequence[k + 1]));
+    durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
   }
   Steps steps = MakeSteps(hypotheses, std::move(durations));
-  steps.reach = static_cast<size_t>(index.Reach(sequence.front()));
   if (evidence.compare) {
     steps.compare = [&](size_t k, const Rigid3& a, const Rigid3& b) {
       return evidence.compare(sequence[k], sequence[k + 1], a, b);
@@ -376,7 +375,7 @@ Decision Decide(const std::vector<int>& sequence,
     has_rivals[k] = HasRivals(*steps, k);
   }
   Decision decision;
-  decision.is_doubtful = FindDoubtful(has_rivals, steps->reach);
+  decision.is_doubtful = FindDoubtful(has_rivals);
   const auto choose = [&] {
     for (size_t k = 0; k < steps->size(); ++k) {
       if (decision.is_doubtful[k]) {
@@ -408,11 +407,10 @@ std::vector<int> GroupFrames(const ChosenMotions& chosen, int first_group) {
 }
 
 // Adds the places of one sequence. Returns the number of the next segment.
-int FollowSequence(const FramePairIndex& index,
-                   const std::vector<int>& sequence,
+int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
                    const MotionEvidence& evidence, int num_threads,
                    int first_stretch, RigPath* path) {
-  Steps steps = MeasureSteps(index, sequence, evidence, num_threads);
+  Steps steps = MeasureSteps(order, sequence, evidence, num_threads);
   path->noise = Larger(path->noise, steps.noise);
   Decision decision = Decide(sequence, evidence, &steps);
   ChosenMotions& chosen = decision.choice.motions;
@@ -463,9 +461,8 @@ MeasuredMotion RigPath::MeasuredBetween(int earlier, int later) const {
               from_start.transpose()};
 }
 
-RigPath FindRigPath(const FramePairIndex& index, const MotionEvidence& evidence,
-                    int num_threads) {
-  const int num_frames = index.num_frames();
+RigPath FindRigPath(const TemporalOrder& order, int num_frames,
+                    const MotionEvidence& evidence, int num_threads) {
   RigPath path;
   path.of_frame.resize(num_frames);
   path.group.resize(num_frames, -1);
@@ -474,9 +471,9 @@ RigPath FindRigPath(const FramePairIndex& index, const MotionEvidence& evidence,
     *mask = Mask(num_frames, false);
   }
   int num_stretches = 0;
-  for (const std::vector<int>& sequence : index.order()->sequences()) {
+  for (const std::vector<int>& sequence : order.sequences()) {
     if (sequence.size() < 2) continue;
-    num_stretches = FollowSequence(index, sequence, evidence, num_threads,
+    num_stretches = FollowSequence(order, sequence, evidence, num_threads,
                                    num_stretches, &path);
   }
   return path;

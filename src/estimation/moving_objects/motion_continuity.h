@@ -36,10 +36,10 @@ namespace mgsfm {
 // over the other motions g with enough matches. D is what an unknown distance
 // costs: a constant, and a loss of its difference from the measured distances
 // that agree with its direction. A sequence may have a real jump, hence the
-// Cauchy loss, a = kLossScale. A step beyond the reach of any whose hypotheses
-// disagree must have one: nothing questions it, and a camera in the hand is not
-// smooth. If such a hypothesis has no distance, it continues with the velocity
-// closest to the previous one.
+// Cauchy loss, a = kLossScale. A step far from any whose hypotheses disagree
+// must have one: nothing questions it, and a camera in the hand is not smooth.
+// If such a hypothesis has no distance, it continues with the velocity closest
+// to the previous one.
 //
 // Solver: dynamic programming over the hypotheses and a range of distances,
 // close enough together (motion_search.h). Where no hypothesis is chosen,
@@ -72,7 +72,7 @@ struct RigPath {
   };
   std::vector<std::optional<Place>> of_frame;
   // Per frame: whether hypotheses disagree about a step from or to it, or about
-  // one within the reach of the sequence: points of both motions stay in view.
+  // one within seven steps.
   Mask is_doubtful;
   // Per frame: the step to it has no hypothesis that was chosen, or one without
   // a distance.
@@ -104,11 +104,10 @@ struct RigPath {
 };
 
 // Steps without a choice have the mean velocity of their neighbors. A new
-// segment begins after more such steps than the reach of the sequence, or fewer
-// that take as long, after ambiguous steps, and after such a step beyond the
-// reach of competing hypotheses: nothing suggests that its true motion was
-// outvoted. The frames of the index must be sequences.
-[[nodiscard]] RigPath FindRigPath(const FramePairIndex& index,
+// segment begins after more than seven such steps, or fewer that take as long,
+// after ambiguous steps, and after such a step far from competing hypotheses:
+// nothing suggests that its true motion was outvoted.
+[[nodiscard]] RigPath FindRigPath(const TemporalOrder& order, int num_frames,
                                   const MotionEvidence& evidence,
                                   int num_threads);
 

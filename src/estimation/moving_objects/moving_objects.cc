@@ -443,7 +443,8 @@ std::optional<MotionOfScene> FindByDepths(const MotionInput& input,
       [&](int earlier, int later, const Rigid3& motion) {
         return RefineByDepths(problem, earlier, later, motion);
       }};
-  *path = FindRigPath(input.index, evidence, context.num_threads);
+  *path = FindRigPath(*input.index.order(), input.index.num_frames(), evidence,
+                      context.num_threads);
   if (path->noise.depths_contradict_pairs) return std::nullopt;
   return JudgeByMatches(problem, RefinePath(problem, *path),
                         options.verification, context);
@@ -494,7 +495,8 @@ MotionOfScene FindByPairs(MotionProblem problem, double min_parallax_deg,
       lengths[i] = {0.0, problem.noise_displacement};
     }
   }
-  *path = FindRigPath(problem.index, {[&](int earlier, int later) {
+  *path = FindRigPath(*problem.index.order(), problem.index.num_frames(),
+                      {[&](int earlier, int later) {
                         return FindHypothesesByPairs(problem, lengths, earlier,
                                                      later);
                       }},

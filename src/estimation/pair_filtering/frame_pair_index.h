@@ -99,10 +99,12 @@ class FramePairIndex {
   // The number of frames for which points stay in view: the largest gap up to
   // which, at each gap, an image pair links at least half of
   // the pairs of frames. At least 1, and per rig.
-  int Reach(int frame_idx) const { return reaches_[order_->RigOf(frame_idx)]; }
+  int Reach(const FramePair& frames) const {
+    return reaches_[order_->RigOf(frames.frame_idx1)];
+  }
   // The frames are of one sequence, and within its reach.
   bool AreNeighbors(const FramePair& frames) const {
-    return frames.time_gap && *frames.time_gap <= Reach(frames.frame_idx1);
+    return frames.time_gap && *frames.time_gap <= Reach(frames);
   }
   // The same for two frames that no image pair may have.
   bool AreNear(int frame_idx1, int frame_idx2) const {

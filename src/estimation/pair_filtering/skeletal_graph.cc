@@ -157,9 +157,8 @@ std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
       for (size_t i = 0; i < is_near.size(); ++i) {
         const FramePair& frames = index.Of(i);
         if (!frames.time_gap ||
-            *frames.time_gap >
-                std::max<double>(kMaxNeighborGap,
-                                 share * index.Reach(frames.frame_idx1))) {
+            *frames.time_gap > std::max<double>(kMaxNeighborGap,
+                                                share * index.Reach(frames))) {
           is_near[i] = false;
         }
       }

@@ -52,22 +52,6 @@ Rigid3 Stop(double time) {
   return Rigid3::FromRotationAndCenter(Quaterniond::Identity(), {0.0, 0.0, s});
 }
 
-// Pairs of images link all frames of one rig that are at most `reach` apart.
-FramePairIndex IndexOf(const Scene& scene, int reach) {
-  const TemporalOrder order(scene);
-  std::vector<MatchedImages> pairs;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    for (size_t k = i + 1; k < scene.images.size(); ++k) {
-      const int image1 = static_cast<int>(i), image2 = static_cast<int>(k);
-      if (order.Gap(scene.images[i].frame_idx, scene.images[k].frame_idx)
-              .value_or(reach + 1) <= reach) {
-        pairs.push_back({image1, image2, 100});
-      }
-    }
-  }
-  return FramePairIndex(scene, pairs, SequenceMode::kYes);
-}
-
 // A sequence of one camera with a known motion, one unit of time per 0.1 s. The
 // frame of rank k in time has the index order[k].
 class Drive {
@@ -128,7 +112,7 @@ class Drive {
     long_motions_[{rank1, rank2}].push_back(hypothesis);
   }
 
-  RigPath FindPath(int reach = 7) const {
+  RigPath FindPath() const {
     std::vector<int> rank_of_frame(kNumFrames);
     for (int k = 0; k < kNumFrames; ++k) rank_of_frame[order_[k]] = k;
     const auto find = [&](int earlier, int later) {
@@ -137,7 +121,7 @@ class Drive {
       const auto it = long_motions_.find({rank1, rank2});
       return it == long_motions_.end() ? StepHypotheses() : it->second;
     };
-    return FindRigPath(IndexOf(scene_, reach), {find}, 1);
+    return FindRigPath(TemporalOrder(scene_), kNumFrames, {find}, 1);
   }
   bool AreComparable(const RigPath& path, int rank1, int rank2) const {
     return path.IsComparable(order_[rank1], order_[rank2]);
@@ -173,13 +157,10 @@ TEST(MotionContinuityTest, ALorryThatKeepsItsDistanceIsExposed) {
     drive.AddObject(15, 45, {Quaterniond::Identity(), {0.0, 0.01, 0.0}}, 0.7);
     drive.AddWorld(15, 45, 0.25);
     drive.AddWorld(45, kNumFrames - 1, 0.9);
-    for (const int reach : {2, 7, 12}) {
-      const RigPath path = drive.FindPath(reach);
-      drive.ExpectTruth(path, 0, kNumFrames);
-      for (int k = 0; k < kNumFrames; ++k) {
-        EXPECT_EQ(drive.IsDoubtful(path, k), k >= 15 - reach && k <= 45 + reach)
-            << k << " " << reach;
-      }
+    const RigPath path = drive.FindPath();
+    drive.ExpectTruth(path, 0, kNumFrames);
+    for (int k = 0; k < kNumFrames; ++k) {
+      EXPECT_EQ(drive.IsDoubtful(path, k), k >= 8 && k <= 52) << k;
     }
   }
 }
@@ -583,7 +564,7 @@ TEST(MotionContinuityTest, SequencesAreNotComparable) {
   const Rigid3 slow{Quaterniond::Identity(), {0.0, 0.0, -1.0}};
   const Rigid3 fast{Quaterniond::Identity(), {0.0, 0.0, -3.0}};
   const RigPath path = FindRigPath(
-      IndexOf(scene, 1), {[&](int earlier, int later) {
+      TemporalOrder(scene), idx, {[&](int earlier, int later) {
         if (later != earlier + 1) return StepHypotheses();
         return StepHypotheses{{{earlier < 2 ? slow : fast}, 0.5, 0.5}};
       }},
