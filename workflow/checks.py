@@ -13,7 +13,7 @@ MATCHERS = ("sequential_matcher", "exhaustive_matcher", "spatial_matcher",
 # The least value of numbers.
 NUMBERS = {"num_images": 0, "num_clusters": 0, "images_per_shard": 1,
            "images_per_match_shard": 1, "images_per_cluster": 1, "threads": 1}
-FLAGS = ("keeps_features", "shares_calibration")
+FLAGS = ("adjusts_extended", "keeps_features", "shares_calibration")
 TEXTS = ("mgsfm", "images", "work", "database", "extends", "color_path")
 # The commands that get the flags of an entry.
 COMMANDS = {"extraction_options": ["feature_extractor"],
@@ -28,7 +28,8 @@ COMMANDS = {"extraction_options": ["feature_extractor"],
 # Flags that the rules set.
 RESERVED = {"database_path", "output_path", "image_list_path", "num_threads",
             "shard", "shard_path", "match_list_path", "output_pairs_path",
-            "vocab_tree_path", "input_path", "cluster_path", "graph",
+            "vocab_tree_path", "input_path", "existing_path", "cluster_path",
+            "graph",
             "partition", "max_memory"}
 SESSION_KEYS = ("images", "vehicle", "extraction_options")
 

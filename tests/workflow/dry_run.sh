@@ -77,7 +77,7 @@ expect "$(count local clusters --config database=given.db work=v \
 expect "$(count local map_all --config database=given.db work=v)" 1
 
 # A drive is added to a finished workflow: only it is extracted, only its pairs
-# are matched, and the model of before is one more sub-map.
+# are matched, and the model of before stays, or is one more sub-map.
 rm calls
 cat >more.yaml <<EOF
 sessions:
@@ -98,7 +98,14 @@ expect "$(grep -c -- '--partition 3 .*--image_list_path x/new_images.txt' \
   calls)" 1
 expect "$(cut -d / -f 1 x/new_images.txt | sort -u)" tuesday
 expect "$(grep -c -- '--calibration_path w/model/0/rig_config.json' calls)" 0
-expect "$(readlink x/maps/3)" "$folder/w/model"
+expect "$(grep -c '^model_merger .*--cluster_path x/clusters --existing_path w/model ' \
+  calls)" 1
+snakemake --snakefile "$source_folder/workflow/Snakefile" \
+  --profile "$source_folder/workflow/profiles/local" --configfile more.yaml \
+  --config adjusts_extended=true work=u >plan.txt 2>&1 ||
+  { cat plan.txt; exit 1; }
+expect "$(grep -c -- '^model_merger .*--existing_path' calls)" 1
+expect "$(readlink u/maps/3)" "$folder/w/model"
 
 # Faults of the configuration are listed before the first job: those of values,
 # then those of files and flags.
