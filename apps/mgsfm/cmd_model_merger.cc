@@ -107,14 +107,16 @@ struct ModelMergerOptions {
 
 using Json = nlohmann::ordered_json;
 
+// Joins the sub-maps, and collects their facts.
 JoinedMaps Join(const ModelMergerOptions& options, const SubMapFiles& files,
-                const std::vector<SubMapFacts>& facts, const Context& context) {
-  const std::vector<CrossPair> pairs =
-      ReadCrossPairs(*options.database_path, facts, context);
+                const Context& context, std::vector<SubMapFacts>* facts) {
   std::vector<SceneModel> models;
   for (const std::string& folder : files.folders) {
     models.push_back(ReadModelFile(folder, options.rigs, context).model);
+    facts->push_back(FindSubMapFacts(folder, models.back()));
   }
+  const std::vector<CrossPair> pairs =
+      ReadCrossPairs(*options.database_path, *facts, context);
   return JoinSubMaps(std::move(models), pairs, options.join, context,
                      files.num_existing);
 }
@@ -352,30 +354,12 @@ void LogIfRigsAreRefined(const ModelMergerOptions& options,
       "--rig_config_path to keep known ones");
 }
 
-// The limit of observations, if the models need one to fit the memory.
-std::optional<size_t> LimitObservations(const ModelMergerOptions& options,
-                                        const JoinedMaps& joined,
-                                        const Context& context) {
-  if (!options.refine) return std::nullopt;
-  const auto limit =
-      MaxNumAdjustedObservations(joined.models, options.max_memory_mib);
-  if (limit)
-    context.Info("bundle adjustment selects tracks that fit the memory");
-  return limit;
-}
-
 void CheckExistingPath(const ModelMergerOptions& options) {
   if (options.existing_path->empty()) return;
   if (!options.graph) {
     throw Error(
         "--existing_path belongs to the join of sub-maps; set --graph 1 and "
         "--input_path");
-  }
-  if (options.max_memory_mib > 0) {
-    throw Error(
-        "--existing_path cannot be used with --max_memory; omit "
-        "--existing_path and give the finished map as a sub-map of "
-        "--input_path, which adjusts everything");
   }
   std::error_code ignored;
   fs::path existing = NormalizedFolder(*options.existing_path);
@@ -440,15 +424,19 @@ KnownParts FindParts(const SubMapFiles& files,
 // Returns the models and the report.
 std::pair<std::vector<FinishedModel>, std::string> FinishModels(
     const ModelMergerOptions& options, const SubMapFiles& files,
-    const std::vector<SubMapFacts>& facts, const fs::path& output,
-    const Context& context) {
-  JoinedMaps joined = Join(options, files, facts, context);
+    const fs::path& output, const Context& context) {
+  std::vector<SubMapFacts> facts;
+  JoinedMaps joined = Join(options, files, context, &facts);
   LogEdges(files, joined, context);
   LogIfMapIsApart(options, files.num_existing, joined, context);
   Json report = DescribeSubMaps(files, joined);
   LogIfRigsAreRefined(options, joined.models, context);
   LogUnusedPriors(options.priors, facts, context);
-  const auto max_num_observations = LimitObservations(options, joined, context);
+  std::optional<size_t> max_num_observations;
+  if (options.refine) {
+    max_num_observations =
+        MaxNumAdjustedObservations(joined.models, options.max_memory_mib);
+  }
   RunDescription description = DescribeInput(RunOf(options), context);
   description.rig_source = "the sub-maps";
   std::vector<FinishedModel> models;
@@ -501,9 +489,8 @@ int JoinClusters(const ModelMergerOptions& options, const Context& context) {
                                       "first");
     return kExitNotSolvable;
   }
-  const auto facts = Transformed(files.folders, ReadSubMapFacts);
   const auto [models, report] =
-      FinishModels(options, files, facts, output.StagingDir(), context);
+      FinishModels(options, files, output.StagingDir(), context);
   context.CheckInterrupted();
   output.Commit();
   for (size_t i = 0; options.write_report && i < models.size(); ++i) {

@@ -14,7 +14,6 @@
 #include "files/model_files.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/database/database.h"
-#include "mgsfm/models/model_io.h"
 #include "mgsfm/priors/pose_priors.h"
 #include "partition_run.h"
 
@@ -103,10 +102,13 @@ SubMapFiles FindSubMaps(const std::string& input_path,
   return files;
 }
 
-SubMapFacts ReadSubMapFacts(const fs::path& folder) {
+SubMapFacts FindSubMapFacts(const fs::path& folder, const SceneModel& model) {
   SubMapFacts facts;
-  for (const ModelImage& image : ReadModelPoses(folder).images) {
-    facts.cam_from_world.emplace_back(image.name, image.cam_from_world);
+  const Scene& scene = model.scene;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const auto pose =
+        model.reconstruction.CamFromWorld(scene, static_cast<int>(i));
+    if (pose) facts.cam_from_world.emplace_back(scene.images[i].name, *pose);
   }
   facts.origin_wgs84 = ReadGeoOrigin(folder.string());
   facts.is_registered = facts.origin_wgs84.has_value();
@@ -117,10 +119,10 @@ SubMapFacts ReadSubMapFacts(const fs::path& folder) {
   const Json report = Json::parse(ReadFile(path), nullptr, false);
   const Json::json_pointer entry("/models/" + folder.filename().string());
   if (report.is_discarded() || !report.contains(entry)) return facts;
-  const Json& model = report[entry];
-  facts.used_gravity = model.contains("gravity");
+  const Json& of_run = report[entry];
+  facts.used_gravity = of_run.contains("gravity");
   const Json::json_pointer registered("/position_priors/is_registered");
-  facts.is_registered |= model.value(registered, false);
+  facts.is_registered |= of_run.value(registered, false);
   return facts;
 }
 

@@ -47,8 +47,9 @@ struct SubMapFacts {
   bool used_gravity = false;
 };
 
-// The report of the run of a sub-map may be missing.
-SubMapFacts ReadSubMapFacts(const std::filesystem::path& folder);
+// Facts of the model in the folder. The report of its run may be missing.
+SubMapFacts FindSubMapFacts(const std::filesystem::path& folder,
+                            const SceneModel& model);
 
 // The frames of a scene with images of the sub-map.
 Mask FramesOf(const SubMapFacts& facts, const Scene& scene);

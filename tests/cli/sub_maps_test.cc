@@ -18,6 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing::HasSubstr;
+using testing::Not;
 using Json = nlohmann::json;
 
 class SubMapCommands : public SharedDriveTest {
@@ -176,6 +177,41 @@ TEST_F(SubMapCommands, FinishedMapIsExtended) {
   EXPECT_LT(error, 1.25 * MeanError("all/0"));
 }
 
+// Two clusters beside one do not fit the limit, but one beside two does.
+TEST_F(SubMapCommands, FinishedMapStaysWithinALimitOfMemory) {
+  MapAll(Partition(3));
+  fs::rename(Path("maps/0"), Path("finished"));
+  const std::string join = "model_merger --graph 1 --database_path " +
+                           Database() + " --input_path " + Path("maps") +
+                           " --existing_path " + Path("finished");
+  const std::string to_output = " --output_path " + Path("joined");
+  Run(join + to_output);
+  const double error = MeanError("joined/0");
+  fs::rename(Path("joined"), Path("unlimited"));
+  const std::string message =
+      LastWord(RunMgsfm(join + " --max_memory 80" + to_output));
+  EXPECT_THAT(message, HasSubstr("allow more"));
+  const std::string about = "needs about ";
+  const std::string limit =
+      " --max_memory " + message.substr(message.find(about) + about.size(), 2);
+  const CommandOutput output = Run(join + limit + to_output);
+  EXPECT_THAT(output.err, HasSubstr("selects tracks"));
+  const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
+  EXPECT_TRUE(report["models"][0]["finished_map"]["frames_are_fixed"]);
+  ExpectThatFinishedFramesStay();
+  // A third of the observations wait: errors grow by the root of 3/2.
+  EXPECT_LT(MeanError("joined/0"), 1.25 * error);
+  fs::create_directory(Path("two"));
+  fs::rename(Path("finished"), Path("two/0"));
+  fs::rename(Path("maps/1"), Path("two/1"));
+  fs::rename(Path("joined"), Path("selected"));
+  Run("model_merger --graph 1 --database_path " + Database() +
+      " --input_path " + Path("two") + " --output_path " + Path("finished"));
+  EXPECT_THAT(Run(join + limit + to_output).err,
+              Not(HasSubstr("selects tracks")));
+  ExpectThatFinishedFramesStay();
+}
+
 TEST_F(SubMapCommands, FinishedMapIsRefusedWithBadOptions) {
   Run("model_splitter --input_path " + In() + "/truth --output_path " +
       Path("maps") + " --num_clusters 2 --num_overlap_frames 4");
@@ -185,9 +221,6 @@ TEST_F(SubMapCommands, FinishedMapIsRefusedWithBadOptions) {
   const std::string existing = " --existing_path " + Path("finished");
   const std::string to_output = " --output_path " + Path("refused");
   const std::string join = "model_merger --graph 1 --input_path ";
-  const std::string given = join + Path("maps") + existing + to_output;
-  ExpectRefused(given + " --max_memory 1000",
-                "--existing_path cannot be used with --max_memory; omit");
   for (const std::string input : {"empty", "missing"}) {
     const CommandOutput output =
         RunMgsfm(join + Path(input) + existing + to_output);

@@ -307,6 +307,18 @@ Reconstruction TriangulateCandidates(const Scene& scene,
   return initial;
 }
 
+std::vector<Point3D> SelectPoints(const Scene& scene,
+                                  const std::vector<Point3D>& points,
+                                  size_t max_num_observations) {
+  const Mask is_selected = SelectTracks(
+      GroupTracks(points), scene.images.size(), max_num_observations);
+  std::vector<Point3D> selected;
+  for (size_t p = 0; p < points.size(); ++p) {
+    if (is_selected[p]) selected.push_back(points[p]);
+  }
+  return selected;
+}
+
 BundleResult RefineBySelectedTracks(const Scene& scene, Reconstruction initial,
                                     const BundleAdjustmentOptions& options,
                                     size_t max_num_observations,
@@ -314,23 +326,18 @@ BundleResult RefineBySelectedTracks(const Scene& scene, Reconstruction initial,
                                     const RefinementConditions& conditions) {
   std::vector<Point3D> points = std::exchange(initial.points, {});
   const Reconstruction poses = initial;
-  ObservationGroups tracks = GroupTracks(points);
-  const Mask is_selected =
-      SelectTracks(tracks, scene.images.size(), max_num_observations);
-  for (size_t p = 0; p < points.size(); ++p) {
-    if (is_selected[p]) initial.points.push_back(points[p]);
-  }
+  initial.points = SelectPoints(scene, points, max_num_observations);
   const CandidateSource selected = FixedCandidates(GroupTracks(initial.points));
   BundleAdjustmentOptions solve = options;
   solve.saves_memory = true;
   BundleResult result = RefineReconstruction(
       scene, selected, std::move(initial), solve, context, conditions);
+  const CandidateSource all = FixedCandidates(GroupTracks(points));
   result.estimate.points = std::move(points);
   BundleAdjustmentOptions last = options;
   last.max_max_error_px = result.summary.rounds.back().max_error_px;
-  result.estimate =
-      TriangulateCandidates(scene, FixedCandidates(std::move(tracks)),
-                            std::move(result.estimate), last, context);
+  result.estimate = TriangulateCandidates(
+      scene, all, std::move(result.estimate), last, context);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, poses, options, &result);
   return result;

@@ -47,11 +47,16 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
                    const BundleAdjustmentOptions& options,
                    BundleResult* result);
 
+// The points with the longest tracks that cover all images about equally, as
+// many as the limit allows.
+std::vector<Point3D> SelectPoints(const Scene& scene,
+                                  const std::vector<Point3D>& points,
+                                  size_t max_num_observations);
+
 // RefineReconstruction() on the tracks of a model, with little memory. It
-// solves iteratively for a selection of the tracks with a limited number of
-// observations: the longest ones that cover all images about equally. All
-// tracks are then triangulated with the resulting poses and intrinsics. Memory:
-// the solves for the selection, and the model twice.
+// solves iteratively for SelectPoints(). All tracks are then triangulated with
+// the resulting poses and intrinsics. Memory: the solves for the selection, and
+// the model twice.
 [[nodiscard]] BundleResult RefineBySelectedTracks(
     const Scene& scene, Reconstruction initial,
     const BundleAdjustmentOptions& options, size_t max_num_observations,

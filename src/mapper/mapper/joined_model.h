@@ -22,12 +22,12 @@ struct JoinedModel {
   // determine the world of the result unless position priors do.
   const Reconstruction* parts = nullptr;
   bool is_refined = true;  // by bundle adjustment
-  // Bundle adjustment selects tracks with at most that many observations
+  // If it has more observations, bundle adjustment selects tracks
   // (bundle_adjustment/solve.h).
   std::optional<size_t> max_num_observations = {};
   // The frames of a finished map. The model has the world and the calibration
-  // of the map, `parts` if this is the world of the positions, and there is no
-  // limit of observations. Empty: there is no finished map.
+  // of the map, and `parts` if this is the world of the positions. Empty: there
+  // is no finished map.
   Mask existing_frames = {};
 };
 
