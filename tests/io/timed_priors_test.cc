@@ -167,6 +167,39 @@ TEST_F(TimedPriorsTest, GravityByTimeIsThatOfTheReferenceCamera) {
               HasSubstr("is zero"));
 }
 
+// Whichever camera has an image, the axes of the file are those of the
+// reference camera, here cam0. A rotation by 90 degrees about z turns its x to
+// y of cam1.
+TEST_F(TimedPriorsTest, GravityOfFramesWithoutTheReferenceCamera) {
+  const auto load = [](const std::vector<std::string>& names) {
+    return LoadScene(MakeContents(names), {}, Context()).scene;
+  };
+  Scene scene = load({"cam0/1.png", "cam0/2.png", "cam1/1.png", "cam1/3.png"});
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    scene.images[i].timestamp_s = scene.images[i].name[5] - '0';
+  }
+  options_.gravity_path = (dir_.path() / "imu.txt").string();
+  WriteTextFile(*options_.gravity_path, "0 1 0 0\n1 1 0 0\n3 1 0 0\n");
+  const auto read = [&] { return ReadGravity(scene, "", options_).images; };
+  const auto with_unknown_pose = read();
+  EXPECT_EQ(with_unknown_pose[1], Eigen::Vector3d::UnitX());
+  EXPECT_FALSE(with_unknown_pose[2].has_value());
+  EXPECT_FALSE(with_unknown_pose[3].has_value());
+  Sensor& cam1 = scene.sensors[scene.images[3].sensor_idx];
+  cam1.sensor_from_rig = Rigid3{
+      Eigen::Quaterniond(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ())),
+      Eigen::Vector3d(1.0, 2.0, 3.0)};
+  const auto with_pose = read();
+  EXPECT_EQ(with_pose[1], Eigen::Vector3d::UnitX());
+  ASSERT_TRUE(with_pose[3].has_value());
+  EXPECT_LT((*with_pose[3] - Eigen::Vector3d::UnitY()).norm(), 1e-12);
+  cam1.sensor_from_rig.reset();
+  WriteTextFile(*options_.gravity_path, "2.5 1 0 0\n3.5 1 0 0\n");
+  EXPECT_THAT(ErrorOf([&] { (void)read(); }),
+              AllOf(HasSubstr("imu.txt"), HasSubstr("rig_config_path"),
+                    HasSubstr("body_calibration")));
+}
+
 TEST_F(TimedPriorsTest, ProblemsOfCsvFilesAreNamed) {
   const std::string rows = "100,1,2,3\n101,2,3,4\n102,3,4,5\n";
   EXPECT_THAT(ErrorOfCsv("t,x,y,z\n" + rows),

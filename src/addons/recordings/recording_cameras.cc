@@ -242,9 +242,12 @@ std::optional<Rigid3> CamFromReference(const RecordedCamera& camera,
   const auto image = ImageFromFrame(camera);
   const auto reference_image = ImageFromFrame(reference);
   if (!between || !image || !reference_image) {
-    context.Warning("/tf_static does not connect the frames '" +
-                    camera.frame_id + "' and '" + reference.frame_id +
-                    "'; the pose of '" + camera.folder +
+    const std::string why =
+        between ? "the CameraInfo of '" + (image ? reference : camera).folder +
+                      "' has an R that is no rotation"
+                : "/tf_static does not connect the frames '" + camera.frame_id +
+                      "' and '" + reference.frame_id + "'";
+    context.Warning(why + "; the pose of '" + camera.folder +
                     "' in the rig is left out");
     return std::nullopt;
   }
@@ -305,7 +308,7 @@ std::optional<RigConfig> MakeRecordedRig(
     num_poses += config.cam_from_rig && !config.is_reference ? 1 : 0;
     rig.cameras.push_back(std::move(config));
   }
-  if (num_lenses + num_poses == 0) return std::nullopt;
+  if (cameras.size() == 1 && num_lenses == 0) return std::nullopt;
   context.Info("rig: intrinsics of " + std::to_string(num_lenses) + " of " +
                std::to_string(cameras.size()) + " cameras by CameraInfo, " +
                std::to_string(num_poses) + " of " +

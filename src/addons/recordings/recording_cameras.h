@@ -40,9 +40,10 @@ std::vector<RecordedCamera> ChooseCameras(const Recording& recording,
 // if the rotation is unknown.
 std::optional<Rigid3> ImageFromFrame(const RecordedCamera& camera);
 
-// The rig of the cameras, the first of which is the reference: intrinsics of
-// CameraInfo and poses of the frames, where they are known. nullopt if neither
-// is known of any camera. Logs what is known, and warns of what is unusable.
+// The rig of the cameras, the first of which is the reference, whose poses and
+// gravity other files have: intrinsics of CameraInfo and poses of the frames,
+// where they are known. nullopt for one camera without intrinsics. Logs what is
+// known, and warns of what is unusable.
 std::optional<RigConfig> MakeRecordedRig(
     const std::vector<RecordedCamera>& cameras, const FrameTree& frames,
     const std::vector<RecordingTopic>& topics, const Context& context);

@@ -222,11 +222,40 @@ GravityPriors ReadTimedGravity(const Scene& scene, const std::string& path,
   return gravity;
 }
 
+// From the axes of the reference cameras; those of a camera whose pose is to be
+// estimated are unknown.
+void TurnFromReferences(const Scene& scene, const std::string& path,
+                        GravityPriors* gravity) {
+  bool has_any = false, has_lost = false;
+  for (size_t i = 0; i < gravity->images.size(); ++i) {
+    auto& direction = gravity->images[i];
+    if (!direction) continue;
+    const auto& pose =
+        scene.sensors[scene.images[i].sensor_idx].sensor_from_rig;
+    if (pose) {
+      direction = pose->rotation * *direction;
+      has_any = true;
+    } else {
+      direction.reset();
+      has_lost = true;
+    }
+  }
+  if (has_any || !has_lost) return;
+  throw Error("'" + path +
+              "' has directions in the axes of the reference camera, but all "
+              "at times of cameras with unknown poses; give their poses with "
+              "rig_config_path, or a body_calibration");
+}
+
 GravityPriors ReadGravityFile(const Scene& scene,
                               const PosePriorOptions& options) {
   const std::string& path = options.gravity_path;
   if (HasTimedVectors(scene, path)) {
-    return ReadTimedGravity(scene, path, options.prior_clock_offset_s);
+    GravityPriors gravity =
+        ReadTimedGravity(scene, path, options.prior_clock_offset_s);
+    const bool are_of_body = !options.body_calibration->empty();
+    if (!are_of_body) TurnFromReferences(scene, path, &gravity);
+    return gravity;
   }
   GravityPriors gravity;
   gravity.images.resize(scene.images.size());
