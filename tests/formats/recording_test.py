@@ -5,6 +5,7 @@ import pathlib
 import sqlite3
 import struct
 import subprocess
+import sys
 
 import numpy
 import pytest
@@ -510,6 +511,52 @@ def test_lenses(importer, tmp_path):
     assert "64 x 48" in log and "32 x 24" in log
 
 
+def test_the_first_camera_is_the_reference(importer, tmp_path):
+    """Gravity has its axes, also if others have more images, and nothing else
+    is known of the cameras."""
+    messages = [m for m in imu_messages("ros1", 0.0)
+                if "right" not in m.topic and "camera_info" not in m.topic]
+    messages += [image_message("front", T0 + i * STEP // 2,
+                               PIXELS["right", i % 8], "ros1")
+                 for i in range(16)]
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, messages)
+    folder, log = importer(path, "--sampling", "all", "--image_topics",
+                           "/left/image_raw,/front/image_raw")
+    assert (folder / "gravity.txt").exists(), log
+    assert json.loads((folder / "rig_config.json").read_text()) == [
+        {"cameras": [{"image_prefix": "left/", "ref_sensor": True},
+                     {"image_prefix": "front/"}]}]
+
+
+def test_rectification_that_is_no_rotation(importer, tmp_path):
+    """Poses and gravity of rectified images need it, those of an IMU do not."""
+    messages = imu_messages("ros1", 0.0)
+    P = [*K[:3], 0.0, *K[3:6], 0.0, *K[6:], 0.0]
+    for message in messages:
+        message.topic = message.topic.replace("image_raw", "image_rect")
+        if message.topic == "/left/camera_info":
+            message.data = ros.camera_info(
+                "ros1", "left_optical", (32, 24), "plumb_bob", D, K,
+                R=[2.0, 0, 0, 0, 1, 0, 0, 0, 1], P=P)
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, messages)
+    words = ("--sampling", "all", "--imu_topic", "/imu")
+    folder, log = importer(path, *words)
+    warnings = [line for line in log.splitlines() if "no rotation" in line]
+    assert len(warnings) == 2, log
+    assert "'left'" in warnings[0] and "pose of 'right'" in warnings[0]
+    assert "/left/camera_info" in warnings[1]
+    assert "gravity_axes to imu" in warnings[1]
+    assert not (folder / "gravity.txt").exists()
+    left, right = json.loads(
+        (folder / "rig_config.json").read_text())[0]["cameras"]
+    assert "camera_params" in left
+    assert "cam_from_rig_rotation" not in right
+    folder, log = importer(path, *words, "--gravity_axes", "imu", output="imu")
+    assert (folder / "gravity.txt").exists(), log
+
+
 def test_positions(importer, tmp_path):
     """GPS as it is; odometry at the first camera."""
     messages = drive_messages("cdr")
@@ -683,8 +730,10 @@ def gravity_of(seconds):
 
 
 def imu_messages(encoding, noise, orientation=None, is_mounted=True,
-                 gravity=9.81, change=lambda i, force: force):
-    """At 100 Hz from 1 s before the first image to 1.5 s after it."""
+                 gravity=9.81, change=lambda i, force: force,
+                 phase=lambda i: 0.01 * i):
+    """At 100 Hz from 1 s before the first image to 1.5 s after it. At the
+    phase of a message, steady turns would be in its attitude; None loses it."""
     messages = drive_messages(encoding)
     if is_mounted:
         messages[0].data = ros.transforms(encoding, [
@@ -693,7 +742,9 @@ def imu_messages(encoding, noise, orientation=None, is_mounted=True,
             ("base", "right_optical", (0, 0, 0), (0, 0, 0, 1))])
     rng = numpy.random.default_rng(1)
     for i in range(-100, 150):
-        seconds = 0.01 * i
+        seconds = phase(i)
+        if seconds is None:
+            continue
         force = change(i, [0, 0, gravity] + rng.normal(0, noise, 3))
         time_ns = T0 + i * STEP // 10
         messages.append(ros.Message("/imu", "sensor_msgs/Imu", time_ns, ros.imu(
@@ -725,6 +776,23 @@ def test_gravity_by_acceleration(encoding, importer, tmp_path):
         assert angles_deg(read).max() < 3.5 * expected_deg + 0.01
         stated_deg = float(log.split("standard deviation ")[1].split()[0])
         assert abs(stated_deg - expected_deg) < 0.5 * expected_deg + 0.01
+
+
+def test_means_end_at_gaps(importer, tmp_path):
+    """Nothing measures the turns in gaps of ten intervals, nor gives a message
+    that is alone in one a mean."""
+    def phase(i):
+        lost = 22 < i < 58 and i != 40
+        return None if lost else 0.01 * i + (2 if i > 40 else 0)
+
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, imu_messages("ros1", 0.0, phase=phase))
+    folder, _ = importer(path, "--sampling", "all", "--gravity_window_s", "1")
+    read = numpy.loadtxt(folder / "gravity.txt")
+    images = [0, 1, 2, 6, 7]
+    assert_allclose(read[:, 0] - T0 / 1e9, 0.1 * numpy.array(images), atol=1e-6)
+    expected = [gravity_of(phase(10 * i)) for i in images]
+    assert_allclose(read[:, 1:], expected, atol=1e-4)
 
 
 def half_turn(x, y, z, w):
@@ -804,6 +872,35 @@ def test_gravity_of_a_second_run(importer, tmp_path):
     assert "in the axes of the frame 'imu'" in text
     importer(path, *words, "--imu_topic", "none")
     assert not (folder / "gravity.txt").exists()
+
+
+def test_memory_of_imu_messages(request, tmp_path):
+    """At most what docs/guides/recordings.md states: 0.6 kB for each."""
+    num = 40_000
+    imu = ros.imu("ros1", 0, "imu", (0, 0, 0, 1), TURN, [0, 0, 9.81])
+    messages = imu_messages("ros1", 0.0)[:30]
+    for i in range(num):
+        time_ns = T0 + (i - num // 2) * STEP // 40
+        data = imu[:4] + ros.bag_time(time_ns) + imu[12:]
+        messages.append(ros.Message("/imu", "sensor_msgs/Imu", time_ns, data))
+    path = tmp_path / "drive.bag"
+    ros.write_ros1_bag(path, messages, chunk_size=500)
+    # A small process between, as its peak counts for its children.
+    code = ("import os, subprocess, sys; process = subprocess.Popen(sys.argv["
+            "1:]); print(os.wait4(process.pid, 0)[2].ru_maxrss)")
+
+    def peak_bytes(topic):
+        done = subprocess.run(
+            list(map(str, [
+                sys.executable, "-c", code,
+                request.config.getoption("--program").resolve(),
+                "recording_importer", "--recording_path", path,
+                "--output_path", tmp_path / topic[-3:], "--sampling", "all",
+                "--imu_topic", topic])),
+            capture_output=True, text=True, check=True)
+        return 1024 * int(done.stdout)
+
+    assert peak_bytes("/imu") - peak_bytes("none") < 600 * num
 
 
 def test_axes_of_gravity(importer, tmp_path):

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "recordings/imu_gravity.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -8,6 +9,7 @@
 #include "base/ranges.h"
 #include "geometry/so3.h"
 #include "priors/timed_samples.h"
+#include "video/sampling_plan.h"
 
 namespace mgsfm {
 namespace {
@@ -50,11 +52,11 @@ std::vector<TimedVector> ByOrientation(
   return in_imu;
 }
 
-// The axes of the first message, as the gyroscope carries them along.
-std::vector<Eigen::Quaterniond> StartFromImu(
-    const std::vector<ImuMessage>& messages) {
+// The axes of the first of the messages, as the gyroscope carries them along.
+std::vector<Eigen::Quaterniond> StartFromImu(const ImuMessage* messages,
+                                             size_t size) {
   std::vector<Eigen::Quaterniond> rotations(1, Eigen::Quaterniond::Identity());
-  for (size_t k = 1; k < messages.size(); ++k) {
+  for (size_t k = 1; k < size; ++k) {
     const ImuMessage& before = messages[k - 1];
     const ImuMessage& after = messages[k];
     Vector3d turn = Vector3d::Zero();
@@ -67,36 +69,80 @@ std::vector<Eigen::Quaterniond> StartFromImu(
   return rotations;
 }
 
+// Of windows around the messages.
+struct MeanAccelerations {
+  std::vector<TimedVector> gravity_in_imu;
+  std::vector<double> lengths;
+  std::vector<double> angles_rad;  // about an axis, between adjacent windows
+
+  // Adds those of messages without a gap.
+  void Add(const ImuMessage* messages, size_t size, double window_s) {
+    const auto start_from_imu = StartFromImu(messages, size);
+    std::vector<Vector3d> forces, means;  // in the axes of the first message
+    std::vector<double> t;
+    for (size_t k = 0; k < size; ++k) {
+      forces.emplace_back(start_from_imu[k] * *messages[k].acceleration);
+      t.push_back(Seconds(messages[k].stamp_ns));
+    }
+    Vector3d sum = Vector3d::Zero();
+    size_t begin = 0, end = 0, other = 0;
+    for (size_t k = 0; k < size; ++k) {
+      while (end < size && t[end] - t[k] <= 0.5 * window_s) {
+        sum += forces[end++];
+      }
+      while (t[k] - t[begin] > 0.5 * window_s) sum -= forces[begin++];
+      lengths.push_back(sum.norm() / static_cast<double>(end - begin));
+      means.emplace_back(-sum.normalized());
+      gravity_in_imu.push_back(
+          {t[k], start_from_imu[k].conjugate() * means[k], std::nullopt});
+      while (other < k && t[k] - t[other + 1] >= window_s) ++other;
+      if (t[k] - t[other] < window_s) continue;
+      angles_rad.push_back(AngleBetween(means[other], means[k]) /
+                           std::sqrt(2.0));
+    }
+  }
+};
+
+// Parts without gaps, over which nothing tells how the axes turn, by begin and
+// end. At its ends, a part has half of a window: shorter parts are left out,
+// unless there are no longer ones.
+std::vector<std::pair<size_t, size_t>> FindParts(
+    const std::vector<ImuMessage>& messages, double window_s) {
+  const auto t_ns = Transformed(messages, &ImuMessage::stamp_ns);
+  const double max_gap_s =
+      kMaxGapRatio * Seconds(MedianInterval(t_ns).value_or(0));
+  std::vector<std::pair<size_t, size_t>> parts;
+  double longest_s = 0.0;
+  for (size_t begin = 0, end = 1; begin < t_ns.size(); begin = end++) {
+    while (end < t_ns.size() &&
+           Seconds(t_ns[end] - t_ns[end - 1]) <= max_gap_s) {
+      ++end;
+    }
+    parts.emplace_back(begin, end);
+    longest_s = std::max(longest_s, Seconds(t_ns[end - 1] - t_ns[begin]));
+  }
+  EraseIf(&parts, [&](const auto& part) {
+    return Seconds(t_ns[part.second - 1] - t_ns[part.first]) <
+           std::min(longest_s, 0.5 * window_s);
+  });
+  return parts;
+}
+
 MeasuredGravity ByAcceleration(std::vector<ImuMessage> messages,
                                double window_s) {
   EraseIf(&messages, [](const auto& message) { return !message.acceleration; });
   MeasuredGravity gravity;
   if (messages.empty()) return gravity;
-  const auto start_from_imu = StartFromImu(messages);
-  const size_t size = messages.size();
-  std::vector<Vector3d> forces, means;  // in the axes of the first message
-  std::vector<double> t, lengths, angles_rad;
-  for (size_t k = 0; k < size; ++k) {
-    forces.emplace_back(start_from_imu[k] * *messages[k].acceleration);
-    t.push_back(Seconds(messages[k].stamp_ns));
+  MeanAccelerations means;
+  for (const auto& [begin, end] : FindParts(messages, window_s)) {
+    means.Add(messages.data() + begin, end - begin, window_s);
   }
-  Vector3d sum = Vector3d::Zero();
-  size_t begin = 0, end = 0, other = 0;
-  for (size_t k = 0; k < size; ++k) {
-    while (end < size && t[end] - t[k] <= 0.5 * window_s) sum += forces[end++];
-    while (t[k] - t[begin] > 0.5 * window_s) sum -= forces[begin++];
-    lengths.push_back(sum.norm() / static_cast<double>(end - begin));
-    means.emplace_back(-sum.normalized());
-    gravity.in_imu.push_back(
-        {t[k], start_from_imu[k].conjugate() * means[k], std::nullopt});
-    while (other < k && t[k] - t[other + 1] >= window_s) ++other;
-    if (t[k] - t[other] < window_s) continue;
-    angles_rad.push_back(AngleBetween(means[other], means[k]) / std::sqrt(2.0));
-  }
-  gravity.mean_acceleration = UpperMedian(std::move(lengths));
-  gravity.sigma_deg = SigmaDeg(angles_rad);
+  gravity.mean_acceleration = UpperMedian(std::move(means.lengths));
+  gravity.sigma_deg = SigmaDeg(means.angles_rad);
   const double error = std::abs(*gravity.mean_acceleration / kGravity - 1.0);
-  if (error > kMaxLengthError) gravity.in_imu.clear();
+  if (error <= kMaxLengthError) {
+    gravity.in_imu = std::move(means.gravity_in_imu);
+  }
   return gravity;
 }
 

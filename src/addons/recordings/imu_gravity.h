@@ -20,9 +20,11 @@ struct MeasuredGravity {
 // The directions of gravity at the times of messages, which are in order. It is
 // along -z of the world of the orientation, or else opposite to the mean
 // acceleration in the window around a time. The gyroscope, if there is one,
-// turns accelerations to the axes at that time. The standard deviation of means
-// is that of the changes between adjacent windows; that of orientations
-// contains that of the means.
+// turns accelerations to the axes at that time. Windows end at gaps of more
+// than ten median intervals, and parts between gaps that are shorter than half
+// a window have no mean, unless all are. The standard deviation of means is
+// that of the changes between adjacent windows; that of orientations contains
+// that of the means.
 //
 // Messages that lack a quantity do not count for it. Nor do means of a length
 // other than that of gravity, and an orientation that never changes or
