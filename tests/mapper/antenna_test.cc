@@ -60,6 +60,7 @@ struct AntennaOutcome {
   MapperModel model;
   double median_error = 0.0;  // of camera centers, without alignment
   std::vector<std::string> warnings;
+  std::vector<std::string> infos;
 };
 
 AntennaOutcome MapDrive(const Simulation& drive,
@@ -68,7 +69,9 @@ AntennaOutcome MapDrive(const Simulation& drive,
   Context context;
   context.num_threads = 2;
   context.log = [&](LogLevel level, const std::string& message) {
-    if (level >= LogLevel::kWarning) outcome.warnings.push_back(message);
+    auto& messages =
+        level >= LogLevel::kWarning ? outcome.warnings : outcome.infos;
+    messages.push_back(message);
   };
   MapperOptions options;
   options.estimate_antenna = estimates;
@@ -136,6 +139,36 @@ TEST(AntennaTest, StraightMotionDoesNotTell) {
   EXPECT_FALSE(outcome.model.position_priors->antenna.has_value());
   EXPECT_THAT(outcome.warnings,
               Contains(HasSubstr("estimate_antenna is not possible")));
+}
+
+// Images have the positions of others, a quarter of the drive ahead. The
+// antenna that fits them is as wrong as they are, so that it goes when they do.
+TEST(AntennaTest, IgnoredPositionsTellNoAntenna) {
+  const Simulation drive = AntennaDrive(PathPreset::kCurve);
+  PositionPriors positions = MeasureAntenna(drive, Vector3d::Zero());
+  std::vector<std::optional<PositionMeasurement>*> measured;
+  for (auto& prior : positions.images) {
+    if (prior) measured.push_back(&prior);
+  }
+  const size_t shift = measured.size() / 4;
+  const PositionPriors right = positions;
+  for (size_t k = 0; k < measured.size(); ++k) {
+    const size_t from = (k + shift) % measured.size();
+    *measured[k] = right.images[measured[from] - positions.images.data()];
+  }
+  const AntennaOutcome outcome = MapDrive(drive, positions, true);
+  EXPECT_THAT(outcome.infos, Contains(testing::StartsWith("antenna: ")));
+  ASSERT_TRUE(outcome.model.position_priors.has_value());
+  EXPECT_FALSE(outcome.model.position_priors->is_registered);
+  EXPECT_THAT(outcome.model.position_priors->message,
+              HasSubstr("they are ignored"));
+  EXPECT_FALSE(outcome.model.position_priors->antenna.has_value());
+  const PositionPriors of_model = outcome.model.PositionsOf(positions);
+  for (size_t i = 0; i < positions.images.size(); ++i) {
+    if (!positions.images[i]) continue;
+    EXPECT_EQ(of_model.images[i]->cam_from_antenna.translation,
+              positions.images[i]->cam_from_antenna.translation);
+  }
 }
 
 }  // namespace
