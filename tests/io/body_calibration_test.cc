@@ -209,6 +209,7 @@ TEST_F(BodyCalibrationTest, ErrorsOfUrdfsListTheLinks) {
               HasSubstr("has macros"));
   EXPECT_THAT(error("</robot>", ""), HasSubstr("no whole URDF"));
   EXPECT_THAT(error("robot -->", ""), HasSubstr("comment without end"));
+  EXPECT_THAT(error("]]>", ""), HasSubstr("CDATA without end"));
   EXPECT_THAT(error("<parent link=\"base_link\"/><child link=\"left\"",
                     "<parent link=\"right1\"/><child link=\"left\""),
               HasSubstr("has a cycle of fixed joints above the link 'left'"));
@@ -226,6 +227,31 @@ TEST_F(BodyCalibrationTest, ErrorsOfUrdfsListTheLinks) {
                         "urdf: robot.urdf\nantenna_in_imu: [0, 0, 1]\n"
                         "antenna_link: gnss_antenna"),
               HasSubstr("is beside antenna_link"));
+}
+
+// The time is linear in the length of a chain, which is read within the limit
+// of tests; 20,000 links would take a minute otherwise.
+TEST_F(BodyCalibrationTest, ChainsOfAUrdfMayBeLong) {
+  constexpr int kNumJoints = 20'000;
+  std::string text = "<robot><link name='imu'/><link name='end_gnss'/>";
+  std::string parent = "imu";
+  for (int i = 1; i <= kNumJoints; ++i) {
+    const std::string child =
+        i == kNumJoints ? "end_gnss" : "link" + std::to_string(i);
+    if (i < kNumJoints) text += "<link name='" + child + "'/>";
+    text += "<joint type='fixed'><origin xyz='0.5 0 0'/><parent link='" +
+            parent + "'/><child link='" + child + "'/></joint>";
+    parent = child;
+  }
+  Write("robot.urdf", text +
+                          "<link name='cam_optical_frame'/><joint type='"
+                          "fixed'><parent link='end_gnss'/><child link="
+                          "'cam_optical_frame'/></joint></robot>");
+  const Scene scene =
+      LoadScene(MakeContents({"1.png", "2.png"}), {}, Context()).scene;
+  const BodyFrame body = ReadBody(scene, (dir_.path() / "robot.urdf").string());
+  EXPECT_NEAR(body.antenna_in_body.x(), 0.5 * kNumJoints, 1e-6);
+  EXPECT_NEAR(body.cam_from_body[0]->translation.x(), -0.5 * kNumJoints, 1e-6);
 }
 
 TEST_F(BodyCalibrationTest, OneSensorHasTheOpticalLinkAndAnyAntenna) {

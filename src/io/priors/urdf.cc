@@ -6,9 +6,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
+#include <set>
+#include <utility>
 
 #include "base/file_reading.h"
-#include "base/format.h"
 #include "base/text_lines.h"
 #include "mgsfm/base/error.h"
 #include "scene/value_check.h"
@@ -65,24 +66,54 @@ Rigid3 PoseOf(const Attributes& origin, const std::string& place) {
   return pose;
 }
 
+// The links as children of their roots, so that chains of any length take
+// linear time.
+FrameTree BelowRoots(const Urdf& urdf) {
+  FrameTree below_roots;
+  std::set<std::string> passed;
+  for (const std::string& link : urdf.links) {
+    std::vector<std::string> path;
+    std::string frame = link;
+    while (below_roots.FindParent(frame) == nullptr) {
+      const auto* parent = urdf.fixed.FindParent(frame);
+      if (parent == nullptr) break;
+      if (!passed.insert(frame).second) {
+        throw Error("'" + urdf.path +
+                    "' has a cycle of fixed joints above the link '" + link +
+                    "'; correct their parents");
+      }
+      path.push_back(std::move(frame));
+      frame = parent->first;
+    }
+    for (; !path.empty(); path.pop_back()) {
+      const auto* parent = urdf.fixed.FindParent(path.back());
+      const auto [root, root_from_parent] = below_roots.RootFrom(parent->first);
+      below_roots.Add(root, path.back(), root_from_parent * parent->second);
+    }
+  }
+  return below_roots;
+}
+
 }  // namespace
 
 Urdf ReadUrdf(const std::string& path) {
   // Comments and declarations have no name. Bytes of any encoding are read.
   static const RE2 kTag(
-      R"re((?s)<!--.*?-->|(<!--)|<!\[CDATA\[.*?\]\]>|<[?!][^>]*>|)re"
+      R"re((?s)<!--.*?-->|<!\[CDATA\[.*?\]\]>|(<!--|<!\[CDATA\[)|)re"
+      R"re(<[?!][^>]*>|)re"
       R"re(<(/?)([\w:.-]+)((?:[^<>"']|"[^"]*"|'[^']*')*)>)re",
       RE2::Latin1);
   const std::string text = ReadFile(path);
   re2::StringPiece rest(text);
-  std::string open_comment, slash, name, content;
+  std::string open, slash, name, content;
   Urdf urdf{path, {}, {}};
   Joint joint;
   bool is_complete = false;
-  while (RE2::FindAndConsume(&rest, kTag, &open_comment, &slash, &name,
-                             &content)) {
-    if (!open_comment.empty()) {
-      throw Error("'" + path + "' has a comment without end; close it by -->");
+  while (RE2::FindAndConsume(&rest, kTag, &open, &slash, &name, &content)) {
+    if (!open.empty()) {
+      throw Error("'" + path + "' has " +
+                  (open == "<!--" ? "a comment without end; close it by -->"
+                                  : "CDATA without end; close them by ]]>"));
     }
     if (name.compare(0, 6, "xacro:") == 0) {
       throw Error("'" + path +
@@ -114,15 +145,7 @@ Urdf ReadUrdf(const std::string& path) {
     throw Error("'" + path +
                 "' is no whole URDF, <robot> ... </robot>; export it again");
   }
-  for (const std::string& link : urdf.links) {
-    if (urdf.fixed.FindParent(urdf.fixed.RootFrom(link).first) == nullptr) {
-      continue;
-    }
-    throw Error(Formatted(
-        "'%s' has a cycle of fixed joints above the link '%s'; correct their "
-        "parents",
-        path.c_str(), link.c_str()));
-  }
+  urdf.fixed = BelowRoots(urdf);
   return urdf;
 }
 

@@ -8,7 +8,8 @@
 
 namespace mgsfm {
 
-// The links of a robot, and the tree of those that fixed joints connect.
+// The links of a robot. Those that fixed joints connect are in `fixed`, below
+// the topmost one.
 struct Urdf {
   std::string path;
   std::vector<std::string> links;
