@@ -47,8 +47,8 @@ struct ModelConverterOptions {
       "output_type", "bin",
       "Choose the format of the output: bin, txt (COLMAP); ply, nvm, bundler; "
       "tum, kitti, euroc (trajectories); kalibr, euroc_sensor, ros_tf, "
-      "ros_launch, camera_info, rig_config (calibration); geojson, kml "
-      "(georeferenced trajectories)."};
+      "ros_launch, camera_info, rig_config (calibration); kapture; geojson, "
+      "kml (georeferenced trajectories)."};
   Option<TrajectoryPoses> poses{
       "poses", TrajectoryPoses::kFrame,
       "Choose the poses of a trajectory. frame: poses of the reference camera "
@@ -119,9 +119,12 @@ Eigen::Vector3d ParseOrigin(const std::string& text) {
 }
 
 // Throws Error if the file cannot be written.
-void CheckTarget(const std::string& path) {
+void CheckTarget(const std::string& output_path, const std::string& suffix) {
+  const std::string path = output_path + suffix;
   const std::string name = fs::path(path).filename();
-  if (IsModelFileName(name) && name != "rig_config.json") {
+  // The folder `sensors` of kapture has a file rigs.txt of its own.
+  const bool is_in_own_folder = suffix.rfind("/sensors/", 0) == 0;
+  if (IsModelFileName(name) && name != "rig_config.json" && !is_in_own_folder) {
     throw Error("'" + path +
                 "' (--output_path) is the name of a file of a model; choose "
                 "another output_path");
@@ -135,7 +138,7 @@ void CheckTarget(const std::string& path) {
 // Checks all files before it writes the first.
 void WriteFiles(const std::vector<ExportedFile>& files,
                 const std::string& output_path, const Context& context) {
-  for (const auto& [suffix, content] : files) CheckTarget(output_path + suffix);
+  for (const auto& [suffix, content] : files) CheckTarget(output_path, suffix);
   context.CheckInterrupted();
   for (const auto& [suffix, content] : files) {
     const std::string path = output_path + suffix;

@@ -187,6 +187,28 @@ def test_calibrations(model, convert):
         numpy.linalg.inv(second), atol=1e-9)
 
 
+def test_kapture(model, convert):
+    """World to rig, rig to sensor; its folder is no model."""
+    folder = convert("kapture") / "sensors"
+
+    def read(name):
+        lines = (folder / f"{name}.txt").read_text().splitlines()
+        assert lines[0] == "# kapture format: 1.1"
+        return [line.split(", ") for line in lines if line[0] != "#"]
+
+    sensors = {line[0]: list(map(float, line[4:])) for line in read("sensors")}
+    assert_allclose(sensors["cam1"][:4], [1226, 370, 707.0912, 707.0912])
+    cam_from_rig = {sensor: colmap_files.matrix_of(list(map(float, pose)))
+                    for _, sensor, *pose in read("rigs")}
+    rig_from_world = {time: colmap_files.matrix_of(list(map(float, pose)))
+                      for time, _, *pose in read("trajectories")}
+    records = {path: cam_from_rig[sensor] @ rig_from_world[time]
+               for time, sensor, path in read("records_camera")}
+    assert len(records) == len(model.images)
+    for image in model.images.values():
+        assert_allclose(records[image.name], image.cam_from_world, atol=1e-9)
+
+
 def test_maps(model, convert):
     origin = ("--origin", "48,11,500")
     path = json.loads(convert("geojson", *origin).read_text())

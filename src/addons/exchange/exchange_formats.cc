@@ -30,7 +30,8 @@ const std::vector<ExchangeFormat>& AllFormats() {
     for (const auto& formats : {RadialFormats(),
                                 TrajectoryFormats(),
                                 CalibrationFormats(),
-                                {{"rig_config", WriteRigConfigJson}},
+                                {{"rig_config", WriteRigConfigJson},
+                                 {"kapture", WriteKapture, SensorsWithoutPose}},
                                 GeoFormats()}) {
       all.insert(all.end(), formats.begin(), formats.end());
     }

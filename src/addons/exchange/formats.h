@@ -48,6 +48,11 @@ std::vector<ExchangeFormat> TrajectoryFormats();
 // there.
 std::vector<ExchangeFormat> CalibrationFormats();
 
+// The folder `sensors` of kapture 1.1: cameras, rigs, and poses and images of
+// frames, whose numbers are their times (kapture_format.adoc of
+// github.com/naver/kapture).
+std::vector<ExportedFile> WriteKapture(const ExportInput& input);
+
 // Paths of frames on the earth.
 std::vector<ExchangeFormat> GeoFormats();
 

@@ -5,13 +5,16 @@
 
 #include <algorithm>
 #include <cstring>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <regex>
+#include <set>
 #include <sstream>
 
 #include "addons/exchange/exchange_fixture.h"
+#include "calibration/calibration.h"
 #include "exchange/exchange_formats.h"
 #include "geometry/geodetic.h"
 #include "geometry/so3.h"
@@ -365,6 +368,87 @@ TEST(Exchange, RigConfigurationsAreRead) {
   }
 }
 
+// Fields of the lines of a file of kapture.
+std::vector<std::vector<std::string>> KaptureFields(const std::string& text) {
+  EXPECT_EQ(text.rfind("# kapture format: 1.1\n", 0), 0u);
+  std::vector<std::vector<std::string>> lines;
+  for (const std::string& line : Lines(text)) {
+    std::vector<std::string>& fields = lines.emplace_back();
+    std::istringstream stream(line);
+    for (std::string field; std::getline(stream >> std::ws, field, ',');) {
+      fields.push_back(field);
+    }
+  }
+  return lines;
+}
+
+Rigid3 KapturePose(const std::vector<std::string>& fields) {
+  std::vector<double> n;
+  for (size_t i = 2; i < fields.size(); ++i) n.push_back(std::stod(fields[i]));
+  return {Eigen::Quaterniond(n.at(0), n.at(1), n.at(2), n.at(3)),
+          {n.at(4), n.at(5), n.at(6)}};
+}
+
+// By its definition, poses lead from the world to rigs, and from these to
+// sensors. Our reader finds the cameras, too.
+TEST(Exchange, KapturePosesLeadToImages) {
+  const Simulation drive = Drive(RigPreset::kKitti360);
+  const std::vector<ExportedFile> files = Export("kapture", drive);
+  const TempDir dir;
+  std::map<std::string, std::vector<std::vector<std::string>>> tables;
+  std::filesystem::create_directory(dir.path() / "sensors");
+  for (const ExportedFile& file : files) {
+    WriteTextFile(dir.path().string() + file.suffix, file.content);
+    tables[file.suffix] = KaptureFields(file.content);
+  }
+  std::map<std::string, Rigid3> sensor_from_rig, rig_from_world;
+  std::set<std::string> rigs, sensors;
+  for (const auto& line : tables["/sensors/sensors.txt"]) {
+    sensors.insert(line.at(0));
+  }
+  for (const auto& line : tables["/sensors/rigs.txt"]) {
+    sensor_from_rig[line.at(1)] = KapturePose(line);
+    rigs.insert(line.at(0));
+    EXPECT_EQ(sensors.count(line.at(0)), 0u);
+    EXPECT_EQ(sensors.count(line.at(1)), 1u);
+  }
+  for (const auto& line : tables["/sensors/trajectories.txt"]) {
+    rig_from_world[line.at(0)] = KapturePose(line);
+    EXPECT_EQ(rigs.count(line.at(1)), 1u);
+  }
+  const auto& records = tables["/sensors/records_camera.txt"];
+  ASSERT_EQ(records.size(), drive.scene.images.size());
+  for (const auto& line : records) {
+    for (size_t i = 0; i < drive.scene.images.size(); ++i) {
+      if (drive.scene.images[i].name != line.at(2)) continue;
+      ExpectPose(
+          sensor_from_rig.at(line.at(1)) * rig_from_world.at(line.at(0)),
+          *drive.ground_truth.CamFromWorld(drive.scene, static_cast<int>(i)));
+    }
+  }
+  const std::vector<CalibratedCamera> cameras =
+      ReadCalibration((dir.path() / "sensors").string());
+  ASSERT_EQ(cameras.size(), drive.scene.sensors.size());
+  for (size_t i = 0; i < drive.scene.sensors.size(); ++i) {
+    const Sensor& sensor = drive.scene.sensors[i];
+    const Camera& camera = drive.ground_truth.cameras[sensor.camera_idx];
+    const auto read = std::find_if(
+        cameras.begin(), cameras.end(),
+        [&](const auto& c) { return c.names.at(0) == sensor.name; });
+    ASSERT_NE(read, cameras.end());
+    EXPECT_EQ(read->model, camera.model);
+    EXPECT_EQ(read->params, camera.params);
+    ExpectPose(*read->cam_from_base, *drive.ground_truth.sensor_from_rig[i]);
+  }
+}
+
+TEST(Exchange, KaptureHasNoCommas) {
+  Simulation drive = Drive(RigPreset::kStereo);
+  drive.scene.images[1].name = "cam0/a, b.png";
+  ExpectRefused("kapture", drive,
+                AllOf(HasSubstr("'cam0/a, b.png'"), HasSubstr("rename")));
+}
+
 TEST(Exchange, CamerasThatAFormatCannotRepresentAreNamed) {
   Simulation drive = Drive(RigPreset::kKitti360);
   for (const char* format : {"nvm", "bundler"}) {
@@ -377,7 +461,7 @@ TEST(Exchange, CamerasThatAFormatCannotRepresentAreNamed) {
     camera.params = {1000.0, 500.0};
   }
   for (const char* format :
-       {"nvm", "bundler", "kalibr", "euroc_sensor", "camera_info"}) {
+       {"nvm", "bundler", "kalibr", "euroc_sensor", "camera_info", "kapture"}) {
     ExpectRefused(format, drive,
                   AllOf(HasSubstr("'cam0'"), HasSubstr("EQUIRECTANGULAR")));
   }
