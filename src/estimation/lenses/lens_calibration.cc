@@ -380,6 +380,8 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
       break;
     }
     if (needs_frames) num_frames *= 2;
+    // All frames are mapped after the rounds.
+    if (needs_frames && num_frames >= scene.frames.size()) break;
   }
   Context quiet = context;
   quiet.log = nullptr;

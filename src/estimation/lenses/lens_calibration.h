@@ -75,7 +75,8 @@ struct LensResult {
 // the last one if all focal lengths are certain to
 // BundleAdjustment.max_focal_length_sigma with errors of the lens model. The
 // first round has 24 frames. If the frames do not determine all focal lengths,
-// the next round has twice as many.
+// the next round has twice as many, unless these are all frames, which are
+// mapped after the rounds.
 //
 // Unless its model was chosen, a camera has RADIAL with an unknown principal
 // point. All unknowns have normal priors, so undetermined ones stay near the
