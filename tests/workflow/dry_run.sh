@@ -100,10 +100,10 @@ expect "$(cut -d / -f 1 x/new_images.txt | sort -u)" tuesday
 expect "$(grep -c -- '--calibration_path w/model/0/rig_config.json' calls)" 0
 expect "$(grep -c '^model_merger .*--cluster_path x/clusters --existing_path w/model ' \
   calls)" 1
+echo "adjusts_extended: true" >>more.yaml
 snakemake --snakefile "$source_folder/workflow/Snakefile" \
   --profile "$source_folder/workflow/profiles/local" --configfile more.yaml \
-  --config adjusts_extended=true work=u >plan.txt 2>&1 ||
-  { cat plan.txt; exit 1; }
+  --config work=u >plan.txt 2>&1 || { cat plan.txt; exit 1; }
 expect "$(grep -c -- '^model_merger .*--existing_path' calls)" 1
 expect "$(readlink u/maps/3)" "$folder/w/model"
 
