@@ -2,9 +2,13 @@
 // Cameras without calibration: the lens is found with the model.
 #include "lenses/lens_calibration.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <optional>
+#include <set>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/geometry/camera_models.h"
@@ -16,11 +20,11 @@
 namespace mgsfm {
 namespace {
 
-Simulation Drive(PathPreset path) {
+Simulation Drive(PathPreset path, int num_frames = 30) {
   SimulationOptions options;
   options.rig = RigPreset::kStereo;
   options.path = path;
-  options.num_frames = 30;
+  options.num_frames = num_frames;
   options.frame_spacing_m = 1.5;
   options.max_num_features_per_image = 300;
   options.pixel_noise_px = 0.3;
@@ -196,6 +200,36 @@ TEST(LensTest, UndeterminedFocalLengthsAreNamed) {
     EXPECT_TRUE(!check.message.empty() ||
                 error < 2.0 * check.relative_sigma.value());
   }
+}
+
+// Rounds grow while focal lengths are undetermined, but not to all frames,
+// which are mapped after the rounds.
+TEST(LensTest, NoRoundHasAllFrames) {
+  const Simulation drive = Drive(PathPreset::kStraight, 60);
+  const MapperInput input = Uncalibrated(drive);
+  const std::vector<Camera>& cameras = input.scene.cameras;
+  std::vector<size_t> num_frames;  // per round
+  const LensMapper map = [&](const Lenses&, const ViewGraph& matches) {
+    std::set<int> frames;
+    for (const ImagePair& pair : matches.pairs) {
+      frames.insert(input.scene.images[pair.image_idx1].frame_idx);
+      frames.insert(input.scene.images[pair.image_idx2].frame_idx);
+    }
+    num_frames.push_back(frames.size());
+    LensModel model{drive.ground_truth, {}};
+    model.reconstruction.cameras = cameras;
+    for (size_t i = 0; i < cameras.size(); ++i) {
+      model.focal_lengths.push_back(
+          {static_cast<int>(i), 0.0, 0.0, 1.0, "the images do not tell it"});
+    }
+    return std::optional(std::move(model));
+  };
+  const MapperOptions options;
+  const LensResult result = CalibrateLenses(
+      {input.scene, cameras, cameras, input.view_graph}, map,
+      {options.focal_lengths, options.bundle_adjustment, 1.0}, Threads(1));
+  EXPECT_THAT(num_frames, testing::ElementsAre(24, 48));
+  EXPECT_EQ(result.summary.num_rounds, 2);
 }
 
 // The change of a focal length by 1 % displaces pixels by 1 % of their distance
